@@ -1,0 +1,1 @@
+#![doc = "Safe wrapper over MuJoCo."]

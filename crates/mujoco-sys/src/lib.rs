@@ -1,0 +1,1 @@
+#![doc = "Raw bindings to the MuJoCo C library."]

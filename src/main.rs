@@ -1,0 +1,2 @@
+//! The `mamf` binary.
+fn main() {}
