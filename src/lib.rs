@@ -1,12 +1,14 @@
 //! Model-assisted model-free reinforcement learning on MuJoCo.
 
 pub mod agent;
+pub mod cli;
 pub mod config;
 pub mod env;
 pub mod imagination;
 pub mod nn;
 pub mod random;
 pub mod replay;
+pub mod training;
 
 /// Activations and gradients of a 256 x 256 layer lie just above the size at which the system
 /// allocator maps and unmaps pages on every call; mimalloc keeps them.

@@ -1,6 +1,7 @@
 //! Reading and merging: preset, file, `--set`.
 
 use super::{Config, Method, validate};
+use crate::env;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -226,6 +227,12 @@ impl Given {
                 expected: "the id of a task, for example task = \"HalfCheetah-v4\"".into(),
             });
         }
+        let ids = env::ids();
+        if !ids.contains(&config.task.as_str()) {
+            let nearest = nearest(&config.task, ids.iter().copied());
+            let hint = nearest.map_or(String::new(), |id| format!("; did you mean {id:?}?"));
+            return Err(wrong("task", format!("the id of a task (`mamf envs` lists them){hint}")));
+        }
         validate::check(&config).map_err(|v| wrong(v.key, v.expected))?;
         Ok(config)
     }
@@ -272,23 +279,26 @@ fn unknown(
             expected: format!("a section of keys, [{key}]"),
         };
     }
-    // A key of another section is as near as its last part.
-    let last = |k: &str| k.rsplit('.').next().unwrap_or(k).to_owned();
-    let nearness = |candidate: &str| {
-        let whole = strsim::normalized_damerau_levenshtein(key, candidate);
-        whole.max(0.95 * strsim::normalized_damerau_levenshtein(&last(key), &last(candidate)))
-    };
-    let nearest = defaults
-        .keys()
-        .map(|candidate| (nearness(candidate), candidate))
-        .filter(|(score, _)| *score > 0.5)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate.clone());
     ConfigError::UnknownKey {
         origin: origin.clone(),
+        nearest: nearest(key, defaults.keys().map(String::as_str)).map(str::to_owned),
         key: key.to_owned(),
-        nearest,
     }
+}
+
+/// The name among `names` that `written` was probably meant to be, if any is near.
+fn nearest<'a>(written: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    // A key of another section is nearly as near as its last part.
+    let last = |name: &str| name.rsplit('.').next().unwrap_or(name).to_owned();
+    let likeness = |name: &str| {
+        let whole = strsim::normalized_damerau_levenshtein(written, name);
+        whole.max(0.95 * strsim::normalized_damerau_levenshtein(&last(written), &last(name)))
+    };
+    names
+        .map(|name| (likeness(name), name))
+        .filter(|(score, _)| *score > 0.5)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, name)| name)
 }
 
 /// `value` as the type of `default`; whole numbers also serve as real ones.

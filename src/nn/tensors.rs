@@ -18,7 +18,7 @@ pub fn column(data: Vec<f32>, device: &Device) -> Tensor<2> {
 pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor
         .into_data()
-        .into_vec::<f32>()
+        .try_into_vec::<f32>()
         .expect("every tensor here is single precision")
 }
 

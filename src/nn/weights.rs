@@ -72,7 +72,7 @@ impl Weights {
     /// As [`get`](Weights::get).
     pub fn get_vec(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightError> {
         let data = self.get(name, shape)?;
-        data.into_vec::<f32>().map_err(|e| WeightError::Format(format!("{e:?}")))
+        data.try_into_vec::<f32>().map_err(|e| WeightError::Format(format!("{e:?}")))
     }
 
     /// As the bytes of a `safetensors` file with `metadata`.

@@ -149,7 +149,7 @@ impl Checkpoint {
     }
 
     fn load_directory(path: &Path) -> Result<Checkpoint, CheckpointError> {
-        let file = |name| path.join(name);
+        let file = |name: &str| path.join(name);
         if [WEIGHTS, CONFIG, STATE].iter().all(|name| !file(name).exists()) {
             return Err(CheckpointError::Missing(path.to_owned()));
         }

@@ -23,7 +23,7 @@ impl Provenance {
         Provenance {
             mamf: env!("CARGO_PKG_VERSION"),
             commit: option_env!("MAMF_COMMIT"),
-            mujoco: mujoco_rs::version(),
+            mujoco: mujoco_rs::version_string(),
             rustc: env!("MAMF_RUSTC"),
             command: std::env::args().collect(),
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
