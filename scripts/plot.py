@@ -21,6 +21,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito); a method keeps its own everywhere.
@@ -94,8 +95,12 @@ def read_curve(run, x, metric):
     return curve
 
 
-def average(curves, band, what):
-    """Mean over seeds and the band's bounds, where all seeds have a value."""
+def average(curves, band, smooth, what):
+    """Mean over seeds and the band's bounds, where all seeds have a value.
+
+    With `smooth` > 1 every seed's curve is first replaced by the mean of the last `smooth` points
+    (of fewer at the beginning).
+    """
     shared = sorted(set.intersection(*(set(curve) for curve in curves)))
     if not shared:
         raise RunError(f"{what}: its seeds have no point in common")
@@ -107,6 +112,7 @@ def average(curves, band, what):
             file=sys.stderr,
         )
     values = np.array([[curve[x] for x in shared] for curve in curves])
+    values = np.array([values[:, max(0, end - smooth) : end].mean(1) for end in range(1, len(shared) + 1)]).T
     mean = values.mean(0)
     if band == "minmax":
         return np.array(shared), mean, values.min(0), values.max(0)
@@ -122,7 +128,7 @@ def short_number(value, _position):
     return f"{value:g}"
 
 
-def draw(groups, x, metric, band, out):
+def draw(groups, x, metric, band, smooth, out):
     """One panel a task, one line a method; a legend for all panels below them."""
     tasks = sorted(groups)
     present = {method for methods in groups.values() for method in methods}
@@ -132,11 +138,10 @@ def draw(groups, x, metric, band, out):
         method: OTHER_COLOURS[number % len(OTHER_COLOURS)] for number, method in enumerate(unknown)
     }
 
-    columns = min(len(tasks), 4 if len(tasks) > 6 else 3)
+    columns = {1: 1, 2: 2, 4: 2}.get(len(tasks), 3 if len(tasks) <= 6 else 4)
     lines = -(-len(tasks) // columns)
     width, height = (6.4, 4.3) if len(tasks) == 1 else (3.7 * columns, 2.9 * lines + 0.5)
     figure, axes = plt.subplots(lines, columns, figsize=(width, height), squeeze=False, layout="constrained")
-    handles = {}
     for number, axis in enumerate(axes.flat):
         if number >= len(tasks):
             axis.set_visible(False)
@@ -144,12 +149,11 @@ def draw(groups, x, metric, band, out):
         task = tasks[number]
         for method in [method for method in known + unknown if method in groups[task]]:
             curves = groups[task][method]
-            at, mean, low, high = average(curves, band, f"{task}, {method}")
+            at, mean, low, high = average(curves, band, smooth, f"{task}, {method}")
             axis.fill_between(at, low, high, color=colours[method], alpha=0.18, linewidth=0)
             # A single evaluation makes no line: mark the points of short curves.
             marker = "o" if len(at) < 3 else None
-            (line,) = axis.plot(at, mean, color=colours[method], linewidth=1.6, marker=marker, markersize=4)
-            handles.setdefault(method, line)
+            axis.plot(at, mean, color=colours[method], linewidth=1.4, marker=marker, markersize=4)
         axis.set_title(task, fontsize=11)
         axis.xaxis.set_major_formatter(FuncFormatter(short_number))
         axis.yaxis.set_major_formatter(FuncFormatter(short_number))
@@ -162,19 +166,21 @@ def draw(groups, x, metric, band, out):
         if number + columns >= len(tasks):
             axis.set_xlabel(LABELS.get(x, x))
 
-    labels = []
-    for method in handles:
+    handles = []
+    for method in known + unknown:
         counts = sorted({len(groups[task][method]) for task in tasks if method in groups[task]})
         number = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-        labels.append(f"{method} ({number} seed{'' if counts == [1] else 's'})")
+        label = f"{method} ({number} seed{'' if counts == [1] else 's'})"
+        handles.append(Line2D([], [], color=colours[method], linewidth=1.8, label=label))
+    legend_rows = -(-len(handles) // max(1, int(width / 2)))
+    smoothed = f"; mean of {smooth} evaluations" if smooth > 1 else ""
     figure.legend(
-        handles.values(),
-        labels,
+        handles=handles,
         loc="outside lower center",
-        ncols=min(len(labels), max(2, 2 * columns)),
+        ncols=-(-len(handles) // legend_rows),
         frameon=False,
         fontsize=10,
-        title=f"mean over seeds, band: {BANDS[band]}",
+        title=f"mean over seeds, band: {BANDS[band]}{smoothed}",
         title_fontsize=9,
     )
     figure.savefig(out, dpi=160)
@@ -196,14 +202,23 @@ def main():
     parser.add_argument(
         "--band", choices=list(BANDS), default="minmax", help="what is shaded (default: %(default)s)"
     )
+    parser.add_argument(
+        "--smooth",
+        type=int,
+        default=1,
+        metavar="N",
+        help="show the mean of the last N evaluations of a seed (default: %(default)s, nothing smoothed)",
+    )
     arguments = parser.parse_args()
+    if arguments.smooth < 1:
+        parser.error("--smooth must be at least 1")
 
     groups = defaultdict(lambda: defaultdict(list))  # task -> method -> curves
     try:
         for run in find_runs(arguments.runs):
             task, method = task_and_method(run)
             groups[task][method].append(read_curve(run, arguments.x, arguments.metric))
-        draw(groups, arguments.x, arguments.metric, arguments.band, arguments.out)
+        draw(groups, arguments.x, arguments.metric, arguments.band, arguments.smooth, arguments.out)
     except (RunError, OSError) as error:
         sys.exit(f"error: {error}")
     except ValueError as error:  # matplotlib: a file format it does not write

@@ -50,7 +50,9 @@ def peer(method, threads, environment):
 def run(command, environment):
     """Standard output of a command; stops with the end of its messages when it fails."""
     try:
-        result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+        result = subprocess.run(
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+        )
     except FileNotFoundError:
         sys.exit(f"{command[0]} was not found: install Rust from https://rustup.rs")
     if result.returncode != 0:
@@ -68,9 +70,10 @@ def machine():
             model = names[0].split(":", 1)[1].strip()
     cores, load = os.cpu_count(), os.getloadavg()[0]
     print(f"{model}, {cores} cores, load {load:.1f} before the start")
-    if load > 0.5:
+    if load > cores / 2:
         print(
-            "warning: this machine is busy with something else, the figures will say little", file=sys.stderr
+            "warning: this machine was busy within the last minute; busy machines give poor figures",
+            file=sys.stderr,
         )
 
 
