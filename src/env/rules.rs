@@ -3,13 +3,24 @@
 use serde::{Deserialize, Serialize};
 
 /// Which velocity the forward reward of a locomotion task reads from a pair of observations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VelocityReading {
     /// The velocity in `s` (the published reading).
     Start,
     /// The mean of the velocities in `s` and `s'`, closer to the simulator's difference quotient.
+    #[default]
     Mean,
+}
+
+impl VelocityReading {
+    /// The velocity of a step from the velocities before and after it.
+    pub fn of(self, before: f32, after: f32) -> f32 {
+        match self {
+            VelocityReading::Start => before,
+            VelocityReading::Mean => 0.5 * (before + after),
+        }
+    }
 }
 
 /// Reward, termination and known coordinates of a task as pure functions of unscaled observations.

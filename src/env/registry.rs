@@ -1,0 +1,135 @@
+//! All tasks by id.
+
+use std::sync::{Arc, LazyLock};
+
+use mujoco_rs::Model;
+
+use super::locomotion::*;
+use super::scene;
+use super::simulation::Simulation;
+use super::task::Task;
+use super::{Env, Info, Replay, Rules, VelocityReading};
+
+/// A registered task: its constants and how to build it.
+struct Entry {
+    info: Info,
+    simulation: fn(Arc<Model>) -> mujoco_rs::Result<Box<dyn Replay>>,
+    rules: fn(&Model, VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>>,
+}
+
+fn entry<T: Task>() -> Entry {
+    Entry {
+        info: T::INFO,
+        simulation: |model| Ok(Box::new(Simulation::<T>::new(model)?)),
+        rules: T::rules,
+    }
+}
+
+static ENTRIES: LazyLock<Vec<Entry>> = LazyLock::new(|| {
+    vec![
+        entry::<HalfCheetah>(),
+        entry::<InvertedPendulum>(),
+        entry::<Reacher>(),
+    ]
+});
+
+/// A task id that is not registered.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("there is no task `{id}`{}", nearest.as_ref().map(|n| format!("; did you mean `{n}`?")).unwrap_or_default())]
+pub struct UnknownTask {
+    /// The id asked for.
+    pub id: String,
+    /// The registered id closest to it.
+    pub nearest: Option<&'static str>,
+}
+
+/// Why a task cannot be made.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MakeError {
+    /// No such task.
+    #[error(transparent)]
+    Unknown(#[from] UnknownTask),
+    /// MuJoCo cannot load or run the task's model.
+    #[error(transparent)]
+    Physics(#[from] mujoco_rs::Error),
+}
+
+/// Ids of all tasks.
+pub fn ids() -> impl Iterator<Item = &'static str> {
+    ENTRIES.iter().map(|entry| entry.info.id)
+}
+
+/// Constants and description of the task `id`.
+///
+/// # Errors
+/// If there is no such task.
+pub fn info(id: &str) -> Result<&'static Info, UnknownTask> {
+    find(id).map(|entry| &entry.info)
+}
+
+/// The task `id` and its rules, with the reward rule that is closest to the simulator.
+///
+/// # Errors
+/// If there is no such task or MuJoCo cannot run it.
+pub fn make(id: &str) -> Result<(Box<dyn Env>, Arc<dyn Rules>), MakeError> {
+    make_with(id, VelocityReading::default())
+}
+
+/// The task `id` and its rules, whose forward reward reads the velocity as told.
+///
+/// # Errors
+/// If there is no such task or MuJoCo cannot run it.
+pub fn make_with(
+    id: &str,
+    reading: VelocityReading,
+) -> Result<(Box<dyn Env>, Arc<dyn Rules>), MakeError> {
+    Ok((make_replay(id)?, rules(id, reading)?))
+}
+
+/// The task `id` with access to its state, for checking recordings.
+///
+/// # Errors
+/// If there is no such task or MuJoCo cannot run it.
+pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
+    let entry = find(id)?;
+    Ok((entry.simulation)(scene::model(entry.info.scene)?)?)
+}
+
+/// The rules of the task `id`.
+///
+/// # Errors
+/// If there is no such task or MuJoCo cannot load its model.
+pub fn rules(id: &str, reading: VelocityReading) -> Result<Arc<dyn Rules>, MakeError> {
+    let entry = find(id)?;
+    Ok((entry.rules)(&*scene::model(entry.info.scene)?, reading)?)
+}
+
+fn find(id: &str) -> Result<&'static Entry, UnknownTask> {
+    ENTRIES
+        .iter()
+        .find(|e| e.info.id == id)
+        .ok_or_else(|| UnknownTask {
+            id: id.to_owned(),
+            nearest: nearest(id),
+        })
+}
+
+/// The registered id closest to `id`, if any resembles it; the version may be left out.
+fn nearest(id: &str) -> Option<&'static str> {
+    const RESEMBLES: f64 = 0.6;
+    let likeness = |known: &str| {
+        let bare = known.split('-').next().unwrap_or(known);
+        let asked = id.to_lowercase();
+        let whole = strsim::normalized_damerau_levenshtein(&asked, &known.to_lowercase());
+        whole.max(strsim::normalized_damerau_levenshtein(
+            &asked,
+            &bare.to_lowercase(),
+        ))
+    };
+    ids()
+        .map(|known| (likeness(known), known))
+        .filter(|(likeness, _)| *likeness >= RESEMBLES)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, known)| known)
+}
