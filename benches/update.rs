@@ -13,18 +13,18 @@ use rand::RngExt;
 use std::hint::black_box;
 
 const TASK: &str = "HalfCheetah-v4";
-const STORED: usize = 20_000;
+const STORED: usize = 100_000;
 
 /// A closure that makes one update of `method` on random data of the task's sizes.
 fn updates(method: Method) -> impl FnMut() + Send {
     let config = Config::preset(method);
-    let spec = env::make(TASK).unwrap().spec().clone();
+    let (env, rules) = env::make(TASK).unwrap();
+    let spec = env.spec().clone();
     let (obs_size, action_size, rows) = (spec.obs_size, spec.action_size, config.batch_size);
     let device = config.compute.backend.device();
     let mut rng = stream(0, "bench");
 
     let imagination = method.learns_model().then(|| {
-        let rules = env::rules(TASK, config.rules.velocity).unwrap();
         let shape = DynamicsShape { obs_size, action_size, known: rules.known() };
         let model = DynamicsModel::new(&config.model, shape, &mut rng, &device);
         Imagination::new(&config.imagination, spec.action_limit, model, rules)
@@ -63,7 +63,9 @@ fn updates(method: Method) -> impl FnMut() + Send {
 }
 
 fn bench(criterion: &mut Criterion) {
-    for (group, threads) in [("update", 2), ("update-1-thread", 1)] {
+    // scripts/peers/compare.py sets the number of threads for both sides.
+    let threads = std::env::var("MAMF_BENCH_THREADS").map_or(2, |n| n.parse().unwrap());
+    for (group, threads) in [("update", threads), ("update-1-thread", 1)] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut group = criterion.benchmark_group(group);
         for method in [Method::Td3, Method::Mamf] {

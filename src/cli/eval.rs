@@ -1,7 +1,6 @@
 //! `mamf eval`
 
 use super::Misuse;
-use crate::env;
 use crate::random::stream;
 use crate::training::{Checkpoint, Evaluation, Evaluator};
 use anyhow::Context;
@@ -35,11 +34,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         checkpoint.require_task(task)?;
     }
     let task = &checkpoint.config.task;
-    let envs = [env::make(task)?, env::make(task)?];
-    let policy = checkpoint.policy(envs[0].spec())?;
+    let mut evaluator = Evaluator::new(task, stream(args.seed, "eval"))?;
+    let policy = checkpoint.policy(evaluator.spec())?;
     let csv = args.csv.as_deref().map(create).transpose()?;
 
-    let mut evaluator = Evaluator::new(envs, stream(args.seed, "eval"));
     let threads = checkpoint.config.compute.threads;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let evaluation = pool.install(|| evaluator.evaluate(&policy, args.episodes as usize));

@@ -7,7 +7,7 @@ mod train;
 mod verify;
 
 use crate::config::ConfigError;
-use crate::env::UnknownTask;
+use crate::env::{MakeError, UnknownTask};
 use crate::training::{CheckpointError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -67,6 +67,7 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     let misused = error.chain().any(|cause| {
         cause.is::<ConfigError>()
             || cause.is::<UnknownTask>()
+            || matches!(cause.downcast_ref(), Some(MakeError::Unknown(_)))
             || cause.is::<Misuse>()
             || cause.downcast_ref::<RunDirectoryError>().is_some_and(is_misuse_of_directory)
             || cause.downcast_ref::<CheckpointError>().is_some_and(is_misuse_of_checkpoint)

@@ -227,12 +227,10 @@ impl Given {
                 expected: "the id of a task, for example task = \"HalfCheetah-v4\"".into(),
             });
         }
-        let ids = env::ids();
-        if !ids.contains(&config.task.as_str()) {
-            let nearest = nearest(&config.task, ids.iter().copied());
-            let hint = nearest.map_or(String::new(), |id| format!("; did you mean {id:?}?"));
-            return Err(wrong("task", format!("the id of a task (`mamf envs` lists them){hint}")));
-        }
+        env::info(&config.task).map_err(|unknown| {
+            let hint = unknown.nearest.map_or(String::new(), |id| format!("; did you mean {id:?}?"));
+            wrong("task", format!("the id of a task (`mamf envs` lists them){hint}"))
+        })?;
         validate::check(&config).map_err(|v| wrong(v.key, v.expected))?;
         Ok(config)
     }

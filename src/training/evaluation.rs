@@ -1,7 +1,7 @@
 //! Episodes of the deterministic policy, in environments of their own.
 
 use crate::agent::Policy;
-use crate::env::Env;
+use crate::env::{self, Env, MakeError, Spec};
 use crate::random::Stream;
 use rand::SeedableRng;
 
@@ -67,9 +67,21 @@ pub struct Evaluator {
 }
 
 impl Evaluator {
-    /// An evaluator on two environments of the same task; `rng` seeds the episodes.
-    pub fn new(envs: [Box<dyn Env>; 2], rng: Stream) -> Evaluator {
-        Evaluator { envs, rng }
+    /// An evaluator of policies for `task`; `rng` seeds the episodes.
+    ///
+    /// # Errors
+    /// When there is no such task or MuJoCo can't run it.
+    pub fn new(task: &str, rng: Stream) -> Result<Evaluator, MakeError> {
+        let env = || env::make(task).map(|(env, _)| env);
+        Ok(Evaluator {
+            envs: [env()?, env()?],
+            rng,
+        })
+    }
+
+    /// Sizes, ranges and limits of the task.
+    pub fn spec(&self) -> &Spec {
+        self.envs[0].spec()
     }
 
     /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not

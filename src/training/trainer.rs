@@ -5,7 +5,7 @@ use super::provenance::Provenance;
 use super::{Checkpoint, CheckpointError, Evaluation, Evaluator, RunDirectory, RunDirectoryError};
 use crate::agent::{ImaginationDraws, Sample, Td3};
 use crate::config::Config;
-use crate::env::{self, Env, UnknownTask};
+use crate::env::{self, Env, MakeError};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::random::{Stream, stream};
@@ -57,9 +57,9 @@ pub enum TrainError {
         /// The last good checkpoint.
         checkpoint: Option<PathBuf>,
     },
-    /// No such task.
+    /// The task can't be made.
     #[error(transparent)]
-    Task(#[from] UnknownTask),
+    Task(#[from] MakeError),
     /// A file of the run directory can't be written.
     #[error(transparent)]
     RunDirectory(#[from] RunDirectoryError),
@@ -142,14 +142,12 @@ impl Trainer {
     /// # Errors
     /// When the task is unknown or a file can't be written.
     pub fn new(config: Config, directory: RunDirectory) -> Result<Trainer, TrainError> {
-        let make = || env::make(&config.task);
-        let env = make()?;
+        let (env, rules) = env::make_with(&config.task, config.rules.velocity)?;
         let spec = env.spec().clone();
         let seeded = |name| stream(config.seed, name);
         let device = config.compute.backend.device();
 
         let imagination = if config.method.learns_model() {
-            let rules = env::rules(&config.task, config.rules.velocity)?;
             let shape = DynamicsShape {
                 obs_size: spec.obs_size,
                 action_size: spec.action_size,
@@ -182,7 +180,7 @@ impl Trainer {
         Ok(Trainer {
             env,
             agent,
-            evaluator: Evaluator::new([make()?, make()?], seeded("eval-env")),
+            evaluator: Evaluator::new(&config.task, seeded("eval-env"))?,
             replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
             moments: RunningMoments::new(spec.obs_size),
             scaling: ObservationScaling::identity(spec.obs_size),
