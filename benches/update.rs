@@ -7,10 +7,12 @@ use mamf::config::{Config, Method};
 use mamf::env;
 use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use mamf::nn::RunningMoments;
+use mamf::parallel::with_threads;
 use mamf::random::stream;
 use mamf::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
 use std::hint::black_box;
+use std::time::Instant;
 
 const TASK: &str = "HalfCheetah-v4";
 const STORED: usize = 100_000;
@@ -51,13 +53,20 @@ fn updates(method: Method) -> impl FnMut() + Send {
         });
     }
     let scaling = moments.scaling(5.0, 1e-2);
+    // A stream for each of the two kinds of draws, as in training.
+    let (mut batch_rng, mut imagination_rng) = (stream(1, "bench"), stream(2, "bench"));
+    let imagines = method.learns_model();
     move || {
-        let imagination = agent.imagination().is_some().then(|| {
-            let batch = replay.sample(rows, &mut rng);
-            ImaginationDraws::draw(batch, rows, action_size, &mut rng)
-        });
-        let batch = replay.sample(rows, &mut rng);
-        let sample = Sample::draw(batch, imagination, action_size, &mut rng);
+        let (sample, imagination) = rayon::join(
+            || Sample::draw(replay.sample(rows, &mut batch_rng), action_size, &mut batch_rng),
+            || {
+                imagines.then(|| {
+                    let batch = replay.sample(rows, &mut imagination_rng);
+                    ImaginationDraws::draw(batch, rows, action_size, &mut imagination_rng)
+                })
+            },
+        );
+        let sample = Sample { imagination, ..sample };
         black_box(agent.update(&sample, &scaling));
     }
 }
@@ -66,12 +75,18 @@ fn bench(criterion: &mut Criterion) {
     // scripts/peers/compare.py sets the number of threads for both sides.
     let threads = std::env::var("MAMF_BENCH_THREADS").map_or(2, |n| n.parse().unwrap());
     for (group, threads) in [("update", threads), ("update-1-thread", 1)] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut group = criterion.benchmark_group(group);
         for method in [Method::Td3, Method::Mamf] {
             let mut update = updates(method);
             group.bench_function(method.name(), |bencher| {
-                pool.install(|| bencher.iter(&mut update));
+                bencher.iter_custom(|iterations| {
+                    let timed = || {
+                        let start = Instant::now();
+                        (0..iterations).for_each(|_| update());
+                        start.elapsed()
+                    };
+                    with_threads(threads, timed).unwrap()
+                });
             });
         }
     }

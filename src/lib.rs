@@ -6,6 +6,7 @@ pub mod config;
 pub mod env;
 pub mod imagination;
 pub mod nn;
+pub mod parallel;
 pub mod random;
 pub mod replay;
 pub mod training;

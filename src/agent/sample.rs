@@ -41,17 +41,12 @@ impl ImaginationDraws {
 }
 
 impl Sample {
-    /// Draws the smoothing noise for `batch`.
-    pub fn draw(
-        batch: Batch,
-        imagination: Option<ImaginationDraws>,
-        action_size: usize,
-        rng: &mut Stream,
-    ) -> Sample {
+    /// Draws the smoothing noise for `batch`; nothing for imagination.
+    pub fn draw(batch: Batch, action_size: usize, rng: &mut Stream) -> Sample {
         Sample {
             smoothing: standard_normal(batch.rows * action_size, rng),
             batch,
-            imagination,
+            imagination: None,
         }
     }
 }

@@ -3,9 +3,10 @@
 use super::{Policy, Sample, Td3Settings};
 use crate::imagination::{Imagination, Kept};
 use crate::nn::{
-    Actor, Critic, Learner, ObservationScaling, WeightError, Weights, column, halves, matrix, rows_of,
+    Actor, Critic, Learner, ObservationScaling, WeightError, Weights, column, matrix, rows_of,
     side_by_side, to_vec,
 };
+use crate::parallel::halves;
 use crate::random::Stream;
 use crate::replay::Batch;
 use burn::module::Module;
@@ -359,11 +360,7 @@ impl Td3 {
         let (critic_losses, q_mean) = self.step_critics(batch, targets);
         self.updates += 1;
         let due = self.updates.is_multiple_of(self.settings.policy_delay);
-        let actor_loss = due.then(|| {
-            let loss = self.step_actor(batch, &targets.observed);
-            self.step_targets();
-            loss
-        });
+        let actor_loss = due.then(|| self.step_actor_and_targets(batch, &targets.observed));
         let fraction = |n: usize| n as f64 / batch.rows as f64;
         Figures {
             critic_losses,
@@ -415,30 +412,32 @@ impl Td3 {
         ([loss1, loss2], q_mean)
     }
 
-    /// One step of the actor on `-mean Q1(s, p, couple(pi(s), p))`; the critic's parameters get no
-    /// gradients.
-    fn step_actor(&mut self, batch: &Batch, observed: &[f32]) -> f32 {
+    /// One step of the actor on `-mean Q1(s, p, couple(pi(s), p))`, and Polyak averaging of all
+    /// targets. The critic's parameters get no gradients.
+    fn step_actor_and_targets(&mut self, batch: &Batch, observed: &[f32]) -> f32 {
         let (rows, sa) = (batch.rows, self.action_size);
         let width = observed.len() / rows;
         let training = self.device.clone().autodiff();
         let critic = self.critics[0].module().clone().no_grad();
         let coupling = self.settings.coupling;
-        self.actor.step_by_rows(rows, |actor, range| {
-            let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
-            let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
-            let output = actor.forward(observed.clone());
-            let action = coupling.execute(output, matrix(previous, sa, &training));
-            critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
-        })
-    }
-
-    /// Polyak averaging of all targets.
-    fn step_targets(&mut self) {
         let tau = self.settings.tau;
-        self.target_actor = self.target_actor.clone().polyak(self.actor.module(), tau);
-        for (target, critic) in self.target_critics.iter_mut().zip(&self.critics) {
-            *target = target.clone().polyak(critic.module(), tau);
-        }
+        let step_actor = || {
+            self.actor.step_by_rows(rows, |actor, range| {
+                let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
+                let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
+                let output = actor.forward(observed.clone());
+                let action = coupling.execute(output, matrix(previous, sa, &training));
+                critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
+            })
+        };
+        let step_target_critics = || {
+            for (target, critic) in self.target_critics.iter_mut().zip(&self.critics) {
+                target.polyak(critic.module(), tau);
+            }
+        };
+        let (loss, ()) = rayon::join(step_actor, step_target_critics);
+        self.target_actor.polyak(self.actor.module(), tau);
+        loss
     }
 
     fn observe(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {

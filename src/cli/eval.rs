@@ -1,6 +1,7 @@
 //! `mamf eval`
 
 use super::Misuse;
+use crate::parallel::with_threads;
 use crate::random::stream;
 use crate::training::{Checkpoint, Evaluation, Evaluator};
 use anyhow::Context;
@@ -39,8 +40,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let csv = args.csv.as_deref().map(create).transpose()?;
 
     let threads = checkpoint.config.compute.threads;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let evaluation = pool.install(|| evaluator.evaluate(&policy, args.episodes as usize));
+    let episodes = args.episodes as usize;
+    let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
 
     let e = &evaluation;
     println!("{task}, {} after {} steps", checkpoint.config.method.name(), checkpoint.step);

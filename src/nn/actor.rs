@@ -83,11 +83,8 @@ impl Actor {
     }
 
     /// See [`Mlp::polyak`].
-    pub fn polyak(self, online: &Actor, tau: f64) -> Actor {
-        Actor {
-            mlp: self.mlp.polyak(&online.mlp, tau),
-            limit: self.limit,
-        }
+    pub fn polyak(&mut self, online: &Actor, tau: f64) {
+        self.mlp.polyak(&online.mlp, tau);
     }
 
     /// See [`Mlp::save`].

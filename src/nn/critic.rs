@@ -33,10 +33,8 @@ impl Critic {
     }
 
     /// See [`Mlp::polyak`].
-    pub fn polyak(self, online: &Critic, tau: f64) -> Critic {
-        Critic {
-            mlp: self.mlp.polyak(&online.mlp, tau),
-        }
+    pub fn polyak(&mut self, online: &Critic, tau: f64) {
+        self.mlp.polyak(&online.mlp, tau);
     }
 
     /// See [`Mlp::save`].

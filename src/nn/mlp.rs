@@ -54,24 +54,20 @@ impl Mlp {
         self
     }
 
-    /// Every parameter moved towards `online`'s: `(1 - tau) self + tau online`.
-    pub fn polyak(self, online: &Mlp, tau: f64) -> Mlp {
+    /// Moves every parameter towards `online`'s: `(1 - tau) self + tau online`.
+    pub fn polyak(&mut self, online: &Mlp, tau: f64) {
         fn mix<const D: usize>(target: Param<Tensor<D>>, online: &Param<Tensor<D>>, tau: f64) -> Param<Tensor<D>> {
             let online = online.val().without_autodiff();
             target.map(|t| t * (1.0 - tau) + online * tau)
         }
-        let layers = self.layers.into_iter().zip(&online.layers);
-        Mlp {
-            layers: layers
-                .map(|(target, online)| Linear {
-                    weight: mix(target.weight, &online.weight, tau),
-                    bias: target
-                        .bias
-                        .zip(online.bias.as_ref())
-                        .map(|(t, o)| mix(t, o, tau)),
-                })
-                .collect(),
-        }
+        // Taken out, so that each tensor is the only one of its memory and is changed in place.
+        let layers = std::mem::take(&mut self.layers).into_iter().zip(&online.layers);
+        self.layers = layers
+            .map(|(target, online)| Linear {
+                weight: mix(target.weight, &online.weight, tau),
+                bias: target.bias.zip(online.bias.as_ref()).map(|(t, o)| mix(t, o, tau)),
+            })
+            .collect();
     }
 
     /// Adds `<name>.l<i>.weight` (`[inputs, outputs]`) and `<name>.l<i>.bias` to `weights`, `i` from 1.

@@ -4,6 +4,7 @@
 //! with automatic differentiation, targets and acting copies on the plain one.
 
 mod actor;
+mod adam;
 mod critic;
 mod learner;
 mod mlp;
@@ -13,10 +14,11 @@ mod tensors;
 mod weights;
 
 pub use actor::{Actor, Coupling};
+pub use adam::Adam;
 pub use critic::Critic;
 pub use learner::Learner;
 pub use mlp::Mlp;
 pub use scaling::{ObservationScaling, RunningMoments};
 pub use settings::{Backend, NetworkSettings, ScalingSettings};
-pub use tensors::{column, halves, matrix, rows_of, side_by_side, to_vec};
+pub use tensors::{column, matrix, rows_of, side_by_side, to_vec};
 pub use weights::{WeightError, Weights};

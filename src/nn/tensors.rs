@@ -1,4 +1,4 @@
-//! Between slices and tensors, and rows in two halves.
+//! Between slices and tensors.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use std::ops::Range;
@@ -37,12 +37,4 @@ pub fn side_by_side(parts: &[(&[f32], usize)]) -> Vec<f32> {
         }
     }
     joined
-}
-
-/// Runs `task` on the first and the second half of `rows` rows, side by side when there are two
-/// threads. The cut does not depend on the number of threads, so neither does the result.
-pub fn halves<T: Send>(rows: usize, task: impl Fn(Range<usize>) -> T + Sync) -> [T; 2] {
-    let middle = rows / 2;
-    let (first, second) = rayon::join(|| task(0..middle), || task(middle..rows));
-    [first, second]
 }

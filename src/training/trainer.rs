@@ -8,6 +8,7 @@ use crate::config::Config;
 use crate::env::{self, Env, MakeError};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use crate::nn::{ObservationScaling, RunningMoments};
+use crate::parallel::with_threads;
 use crate::random::{Stream, stream};
 use crate::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
@@ -209,11 +210,8 @@ impl Trainer {
     /// When a loss is not finite or a file can't be written.
     pub fn run(mut self, monitor: &mut dyn Monitor, stop: &AtomicBool) -> Result<Outcome, TrainError> {
         let threads = self.config.compute.threads;
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .map_err(|error| TrainError::Threads { threads, error })?;
-        pool.install(move || self.train(monitor, stop))
+        with_threads(threads, move || self.train(monitor, stop))
+            .map_err(|error| TrainError::Threads { threads, error })?
     }
 
     fn train(&mut self, monitor: &mut dyn Monitor, stop: &AtomicBool) -> Result<Outcome, TrainError> {
@@ -344,14 +342,7 @@ impl Trainer {
         if self.replay.is_empty() {
             // Nothing but diverged steps so far.
         } else if step > self.config.random_steps {
-            let action_size = self.env.spec().action_size;
-            let streams = &mut self.streams;
-            let imagination = self.agent.imagination().is_some().then(|| {
-                let batch = self.replay.sample(rows, &mut streams.model_replay);
-                ImaginationDraws::draw(batch, rows, action_size, &mut streams.imagination)
-            });
-            let batch = self.replay.sample(rows, &mut streams.replay);
-            let sample = Sample::draw(batch, imagination, action_size, &mut streams.smoothing);
+            let sample = self.draw_sample();
             let figures = self.agent.update(&sample, &self.scaling);
             not_finite = figures.not_finite();
             changed = figures.actor_loss.is_some();
@@ -372,6 +363,23 @@ impl Trainer {
                 checkpoint: self.saved.clone(),
             }),
         }
+    }
+
+    /// Transitions and noise of one update.
+    fn draw_sample(&mut self) -> Sample {
+        let (rows, action_size) = (self.config.batch_size, self.env.spec().action_size);
+        let (replay, streams) = (&self.replay, &mut self.streams);
+        let imagines = self.agent.imagination().is_some();
+        let (sample, imagination) = rayon::join(
+            || Sample::draw(replay.sample(rows, &mut streams.replay), action_size, &mut streams.smoothing),
+            || {
+                imagines.then(|| {
+                    let batch = replay.sample(rows, &mut streams.model_replay);
+                    ImaginationDraws::draw(batch, rows, action_size, &mut streams.imagination)
+                })
+            },
+        );
+        Sample { imagination, ..sample }
     }
 
     /// Line 12 of Algorithm 1: `b = r* l c` (equation 6).
