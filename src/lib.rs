@@ -10,6 +10,7 @@ pub mod parallel;
 pub mod random;
 pub mod replay;
 pub mod training;
+pub mod verification;
 
 /// Activations and gradients of a 256 x 256 layer lie just above the size at which the system
 /// allocator maps and unmaps pages on every call; mimalloc keeps them.

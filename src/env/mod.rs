@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use registry::{MakeError, UnknownTask, ids, info, make, make_replay, make_with, rules};
 pub use rules::{Rules, VelocityReading};
-pub use task::{Block, Info};
+pub use task::{Block, Info, Velocity};
 
 use crate::random::Stream;
 

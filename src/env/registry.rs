@@ -27,9 +27,17 @@ fn entry<T: Task>() -> Entry {
 
 static ENTRIES: LazyLock<Vec<Entry>> = LazyLock::new(|| {
     vec![
+        entry::<Ant>(),
         entry::<HalfCheetah>(),
+        entry::<Hopper>(),
+        entry::<Humanoid>(),
+        entry::<HumanoidStandup>(),
+        entry::<InvertedDoublePendulum>(),
         entry::<InvertedPendulum>(),
+        entry::<Pusher>(),
         entry::<Reacher>(),
+        entry::<Swimmer>(),
+        entry::<Walker2d>(),
     ]
 });
 

@@ -16,6 +16,22 @@ pub struct Block {
     pub what: &'static str,
 }
 
+/// A [`Block`] of `len` numbers.
+pub(super) const fn block(len: usize, what: &'static str) -> Block {
+    Block { len, what }
+}
+
+/// How the rules find the forward velocity in an observation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Velocity {
+    /// The reward is about no velocity.
+    None,
+    /// It is the number with this index.
+    Index(usize),
+    /// It is computed from several numbers, as told.
+    Computed(&'static str),
+}
+
 /// What is known of a task without simulating it: figures for the simulation, words for the reader.
 #[derive(Debug, Clone, Copy)]
 pub struct Info {
@@ -37,8 +53,8 @@ pub struct Info {
     pub termination: &'static str,
     /// How an episode begins.
     pub reset: &'static str,
-    /// Where the observation holds the velocity that the forward reward is about.
-    pub velocity: Option<usize>,
+    /// Where the forward reward's velocity is read from an observation.
+    pub velocity: Velocity,
     /// Whether the published task's figures are compared relative to their size (forces of thousands
     /// of newtons under an iterative solver) instead of absolutely.
     pub relative: bool,
@@ -48,6 +64,11 @@ impl Info {
     /// Length of an observation.
     pub fn obs_size(&self) -> usize {
         self.observation.iter().map(|block| block.len).sum()
+    }
+
+    /// Whether the reward depends on how the velocity is read.
+    pub fn reads_velocity(&self) -> bool {
+        self.velocity != Velocity::None
     }
 
     /// The observation's parts with the index at which each begins.

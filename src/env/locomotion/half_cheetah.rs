@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::forward::Forward;
 use super::noise::{add_normal, add_uniform};
-use super::task::{dt, effort, write};
-use super::{Block, Info, Rules, Stream, Task, VelocityReading};
+use super::task::{block, dt, effort, write};
+use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
 
 const CONTROL_WEIGHT: f64 = 0.1;
 
@@ -27,19 +27,16 @@ impl Task for HalfCheetah {
         frame_skip: 5,
         max_episode_steps: 1000,
         observation: &[
-            Block {
-                len: 8,
-                what: "positions without x: height, pitch, back and front thigh, shin, foot",
-            },
-            Block {
-                len: 9,
-                what: "velocities: forward, up, pitch, then the six joints",
-            },
+            block(
+                8,
+                "positions without x: height, pitch, back and front thigh, shin, foot",
+            ),
+            block(9, "velocities: forward, up, pitch, then the six joints"),
         ],
         reward: "(x after - x before) / dt - 0.1 |a|^2",
         termination: "never",
         reset: "positions uniform +-0.1, velocities normal with deviation 0.1",
-        velocity: Some(8),
+        velocity: Velocity::Index(8),
         relative: false,
     };
 

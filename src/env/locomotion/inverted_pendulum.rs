@@ -5,8 +5,8 @@ use std::sync::Arc;
 use mujoco_rs::{Data, Model};
 
 use super::noise::add_uniform;
-use super::task::write;
-use super::{Block, Info, Rules, Stream, Task, VelocityReading};
+use super::task::{block, write};
+use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
 
 /// The largest angle of the pole, in radians, at which the task goes on.
 const MAX_ANGLE: f64 = 0.2;
@@ -24,19 +24,13 @@ impl Task for InvertedPendulum {
         frame_skip: 2,
         max_episode_steps: 1000,
         observation: &[
-            Block {
-                len: 2,
-                what: "position of the cart, angle of the pole",
-            },
-            Block {
-                len: 2,
-                what: "their velocities",
-            },
+            block(2, "position of the cart, angle of the pole"),
+            block(2, "their velocities"),
         ],
         reward: "1",
         termination: "when |angle| > 0.2 or a number is not finite",
         reset: "positions and velocities uniform +-0.01",
-        velocity: None,
+        velocity: Velocity::None,
         relative: false,
     };
 

@@ -7,8 +7,8 @@ use mujoco_rs::{Data, Model, Object};
 
 use super::forward::effort as effort_f32;
 use super::noise::{add_uniform, uniform};
-use super::task::{body_position, effort, write};
-use super::{Block, Info, Rules, Stream, Task, VelocityReading};
+use super::task::{block, body_position, effort, write};
+use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
 
 /// Targets are drawn from the disc of this radius, in metres.
 const REACH: f64 = 0.2;
@@ -30,32 +30,17 @@ impl Task for Reacher {
         frame_skip: 2,
         max_episode_steps: 50,
         observation: &[
-            Block {
-                len: 2,
-                what: "cosines of the two joint angles",
-            },
-            Block {
-                len: 2,
-                what: "sines of the two joint angles",
-            },
-            Block {
-                len: 2,
-                what: "position of the target",
-            },
-            Block {
-                len: 2,
-                what: "velocities of the two joints",
-            },
-            Block {
-                len: 3,
-                what: "fingertip minus target",
-            },
+            block(2, "cosines of the two joint angles"),
+            block(2, "sines of the two joint angles"),
+            block(2, "position of the target"),
+            block(2, "velocities of the two joints"),
+            block(3, "fingertip minus target"),
         ],
         reward: "-|fingertip - target| - |a|^2, the distance taken before the action",
         termination: "never",
         reset: "joint angles uniform +-0.1, their velocities uniform +-0.005, target uniform in \
                 the disc of radius 0.2",
-        velocity: None,
+        velocity: Velocity::None,
         relative: false,
     };
 
