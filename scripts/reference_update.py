@@ -174,7 +174,7 @@ class Hopper(Rules):
 
 class Reacher(Rules):
     size, actions, a_max = 11, 2, 1.0
-    known = (4, 5)  # the position of the target
+    known = (4, 5, 10)  # the position of the target; both points lie in one plane, so 10 is constant
     mean = [0.6, 0.5, 0.1, -0.1, 0.01, -0.02, 0.1, -0.3, 0.03, 0.02, 0.01]
     deviation = [0.4, 0.5, 0.6, 0.7, 0.1, 0.12, 4.0, 6.0, 0.15, 0.14, 0.01]
 
