@@ -76,7 +76,7 @@ impl Case {
                 && network.contains(".l")
             {
                 let data = burn::tensor::TensorData::new(self.single(name), view.shape().to_vec());
-                weights.insert_data(network.to_owned(), data);
+                weights.insert(network.to_owned(), data);
             }
         }
         weights
@@ -203,7 +203,7 @@ fn reproduces(name: &str) {
     for network in weights.names() {
         let expected = case.array(&format!("out.{last}.{network}"));
         let shape = SafeTensors::deserialize(&case.bytes).unwrap().tensor(&format!("in.{network}")).unwrap().shape().to_vec();
-        agree(&format!("{name}, {network}"), &weights.get_vec(network, &shape).unwrap(), &expected);
+        agree(&format!("{name}, {network}"), &weights.get(network, &shape).unwrap(), &expected);
     }
 }
 

@@ -1,27 +1,20 @@
 //! What it takes to act: an actor, its observation scaling and the coupling of its actions.
 
-use crate::nn::{Actor, Coupling, ObservationScaling, matrix, to_vec};
+use crate::nn::{Coupling, Mlp, ObservationScaling};
 use crate::random::{Stream, fill_normal};
-use burn::tensor::Device;
 
 /// A policy that turns one observation into one executed action.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Policy {
-    actor: Actor,
+    actor: Mlp,
     scaling: ObservationScaling,
     coupling: Coupling,
-    device: Device,
 }
 
 impl Policy {
-    /// A policy of `actor`, which must live on the plain `device`.
-    pub fn new(actor: Actor, scaling: ObservationScaling, coupling: Coupling, device: &Device) -> Policy {
-        Policy {
-            actor,
-            scaling,
-            coupling,
-            device: device.clone(),
-        }
+    /// A policy of `actor` on scaled observations.
+    pub fn new(actor: Mlp, scaling: ObservationScaling, coupling: Coupling) -> Policy {
+        Policy { actor, scaling, coupling }
     }
 
     /// The deterministic executed action in `obs` (as observed) after `previous`, the action
@@ -48,7 +41,8 @@ impl Policy {
     fn output(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {
         let scaled = self.scaling.scale(obs);
         let observed = self.coupling.observe(&scaled, previous, obs.len(), previous.len());
-        let width = observed.len();
-        to_vec(self.actor.forward(matrix(observed, width, &self.device)))
+        let mut output = self.actor.forward(&observed);
+        self.coupling.output_in_place(&mut output);
+        output
     }
 }

@@ -29,3 +29,17 @@ pub struct Td3Settings {
     /// Smoothing of the target policy.
     pub smoothing: SmoothingSettings,
 }
+
+impl Td3Settings {
+    /// Widths of the actor's layers, input first.
+    pub fn actor_widths(&self, obs_size: usize, action_size: usize) -> Vec<usize> {
+        let observed = self.coupling.observed_width(obs_size, action_size);
+        [&[observed], self.networks.hidden.as_slice(), &[action_size]].concat()
+    }
+
+    /// Widths of a critic's layers, input first.
+    pub fn critic_widths(&self, obs_size: usize, action_size: usize) -> Vec<usize> {
+        let observed = self.coupling.observed_width(obs_size, action_size);
+        [&[observed + action_size], self.networks.hidden.as_slice(), &[1]].concat()
+    }
+}

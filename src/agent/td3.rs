@@ -3,13 +3,12 @@
 use super::{Policy, Sample, Td3Settings};
 use crate::imagination::{Imagination, Kept};
 use crate::nn::{
-    Actor, Critic, Learner, ObservationScaling, WeightError, Weights, column, matrix, rows_of,
-    side_by_side, to_vec,
+    Learner, Mlp, ObservationScaling, WeightError, Weights, column, matrix, rows_of, side_by_side,
+    to_vec,
 };
 use crate::parallel::halves;
 use crate::random::Stream;
 use crate::replay::Batch;
-use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use std::ops::Range;
 
@@ -19,13 +18,12 @@ pub struct Td3 {
     settings: Td3Settings,
     obs_size: usize,
     action_size: usize,
-    actor: Learner<Actor>,
-    critics: [Learner<Critic>; 2],
-    target_actor: Actor,
-    target_critics: [Critic; 2],
+    actor: Learner,
+    critics: [Learner; 2],
+    target_actor: Mlp,
+    target_critics: [Mlp; 2],
     imagination: Option<Imagination>,
     updates: u64,
-    device: Device,
 }
 
 /// What the critics of one update are trained towards.
@@ -101,6 +99,14 @@ impl Figures {
     }
 }
 
+/// The networks an agent starts with.
+struct Networks {
+    actor: Mlp,
+    critics: [Mlp; 2],
+    target_actor: Mlp,
+    target_critics: [Mlp; 2],
+}
+
 /// Values of a policy's next step by the target networks.
 struct Bootstrap {
     /// `min(Q1', Q2')`.
@@ -110,7 +116,7 @@ struct Bootstrap {
 }
 
 impl Td3 {
-    /// A fresh agent computing on the plain `device`; networks are drawn from `rng`.
+    /// A fresh agent trained on `device`; networks are drawn from `rng`.
     pub fn new(
         settings: Td3Settings,
         obs_size: usize,
@@ -119,24 +125,16 @@ impl Td3 {
         rng: &mut Stream,
         device: &Device,
     ) -> Td3 {
-        let training = device.clone().autodiff();
-        let hidden = &settings.networks.hidden;
-        let observed = settings.coupling.observed_width(obs_size, action_size);
-        let limit = settings.coupling.limit;
-        let actor = Actor::new(observed, hidden, action_size, limit, rng, &training);
-        let critics = [(); 2].map(|()| Critic::new(observed + action_size, hidden, rng, &training));
-        Td3 {
-            target_actor: actor.valid(),
-            target_critics: critics.each_ref().map(|critic| critic.valid()),
-            actor: Learner::new(actor, settings.networks.actor_learning_rate),
-            critics: critics.map(|critic| Learner::new(critic, settings.networks.critic_learning_rate)),
-            imagination,
-            settings,
-            obs_size,
-            action_size,
-            updates: 0,
-            device: device.clone(),
-        }
+        let actor = Mlp::new(&settings.actor_widths(obs_size, action_size), rng);
+        let critic_widths = settings.critic_widths(obs_size, action_size);
+        let critics = [(); 2].map(|()| Mlp::new(&critic_widths, rng));
+        let networks = Networks {
+            target_actor: actor.clone(),
+            target_critics: critics.clone(),
+            actor,
+            critics,
+        };
+        Td3::from_networks(settings, obs_size, action_size, imagination, networks, device)
     }
 
     /// An agent with saved networks, without its optimisers' moments.
@@ -151,41 +149,50 @@ impl Td3 {
         weights: &Weights,
         device: &Device,
     ) -> Result<Td3, WeightError> {
-        let training = device.clone().autodiff();
-        let networks = &settings.networks;
-        let hidden = &networks.hidden;
-        let observed = settings.coupling.observed_width(obs_size, action_size);
-        let limit = settings.coupling.limit;
-        let actor = |name, device: &Device| {
-            Actor::load(name, observed, hidden, action_size, limit, weights, device)
+        let actor_widths = settings.actor_widths(obs_size, action_size);
+        let critic_widths = settings.critic_widths(obs_size, action_size);
+        let critic = |name| Mlp::load(name, &critic_widths, weights);
+        let networks = Networks {
+            actor: Mlp::load("actor", &actor_widths, weights)?,
+            critics: [critic("critic1")?, critic("critic2")?],
+            target_actor: Mlp::load("target_actor", &actor_widths, weights)?,
+            target_critics: [critic("target_critic1")?, critic("target_critic2")?],
         };
-        let critic = |name, device: &Device| {
-            Critic::load(name, observed + action_size, hidden, weights, device)
-        };
-        let learner = |name| Ok(Learner::new(critic(name, &training)?, networks.critic_learning_rate));
-        Ok(Td3 {
-            target_actor: actor("target_actor", device)?,
-            target_critics: [critic("target_critic1", device)?, critic("target_critic2", device)?],
-            actor: Learner::new(actor("actor", &training)?, networks.actor_learning_rate),
-            critics: [learner("critic1")?, learner("critic2")?],
-            imagination,
+        Ok(Td3::from_networks(settings, obs_size, action_size, imagination, networks, device))
+    }
+
+    fn from_networks(
+        settings: Td3Settings,
+        obs_size: usize,
+        action_size: usize,
+        imagination: Option<Imagination>,
+        networks: Networks,
+        device: &Device,
+    ) -> Td3 {
+        let (actor_rate, critic_rate) =
+            (settings.networks.actor_learning_rate, settings.networks.critic_learning_rate);
+        Td3 {
             settings,
             obs_size,
             action_size,
+            actor: Learner::new(networks.actor, actor_rate, device),
+            critics: networks.critics.map(|critic| Learner::new(critic, critic_rate, device)),
+            target_actor: networks.target_actor,
+            target_critics: networks.target_critics,
+            imagination,
             updates: 0,
-            device: device.clone(),
-        })
+        }
     }
 
     /// All networks by name: `actor`, `critic1`, `critic2`, `target_actor`, `target_critic1`,
     /// `target_critic2` and `model`.
     pub fn weights(&self) -> Weights {
         let mut weights = Weights::default();
-        self.actor.module().valid().save("actor", &mut weights);
+        self.actor.mlp().save("actor", &mut weights);
         self.target_actor.save("target_actor", &mut weights);
         for (i, (critic, target)) in self.critics.iter().zip(&self.target_critics).enumerate() {
             let number = i + 1;
-            critic.module().valid().save(&format!("critic{number}"), &mut weights);
+            critic.mlp().save(&format!("critic{number}"), &mut weights);
             target.save(&format!("target_critic{number}"), &mut weights);
         }
         if let Some(imagination) = &self.imagination {
@@ -196,8 +203,7 @@ impl Td3 {
 
     /// The current policy under `scaling`.
     pub fn policy(&self, scaling: &ObservationScaling) -> Policy {
-        let actor = self.actor.module().valid();
-        Policy::new(actor, scaling.clone(), self.settings.coupling, &self.device)
+        Policy::new(self.actor.mlp().clone(), scaling.clone(), self.settings.coupling)
     }
 
     /// The imagination, for agents that have one.
@@ -208,12 +214,8 @@ impl Td3 {
     /// Optimistic start: `bias` becomes the output bias of both critics and their targets
     /// (equation 6). To be used once, before the first update.
     pub fn set_optimism(&mut self, bias: f32) {
-        for critic in &mut self.critics {
-            critic.map(|critic| critic.with_output_bias(bias));
-        }
-        for target in &mut self.target_critics {
-            *target = target.clone().with_output_bias(bias);
-        }
+        self.critics.iter_mut().for_each(|critic| critic.set_output_bias(bias));
+        self.target_critics.iter_mut().for_each(|target| target.set_output_bias(bias));
     }
 
     /// One step of the dynamics model alone (phase 1). Returns its loss; none without a model.
@@ -290,17 +292,18 @@ impl Td3 {
         let draws = sample.imagination.as_ref().expect("an agent that imagines is given draws");
         let noise_bound = imagination.noise_bound();
         let (so, sa, width) = (self.obs_size, self.action_size, observed.len() / batch.rows);
-        let actor = self.actor.module().valid();
+        let coupling = self.settings.coupling;
 
         let half = |range: Range<usize>| {
             let rows = |data, width| rows_of(data, width, &range);
-            let mut action = to_vec(actor.forward(self.matrix(rows(observed, width), width)));
+            let mut action = self.actor.mlp().forward(rows(observed, width));
+            coupling.output_in_place(&mut action);
             let bound = noise_bound as f32;
             for (u, z) in action.iter_mut().zip(rows(&draws.action, sa)) {
                 *u += z.clamp(-bound, bound);
             }
             let previous = rows(&batch.previous_action, sa);
-            self.settings.coupling.execute_in_place(&mut action, previous);
+            coupling.execute_in_place(&mut action, previous);
             let imagined = imagination.imagine(rows(&batch.obs, so), rows(obs, so), &action, scaling);
             let bootstrap = self.bootstrap(&imagined.next_obs, &action, rows(&draws.smoothing, sa));
             let y_hat = self.backup(&imagined.reward, &imagined.terminated, &bootstrap.value);
@@ -332,15 +335,15 @@ impl Td3 {
 
         let observed = self.observe(next_obs, action);
         let width = coupling.observed_width(self.obs_size, self.action_size);
-        let mut next_action = to_vec(self.target_actor.forward(self.matrix(&observed, width)));
+        let mut next_action = self.target_actor.forward(&observed);
+        coupling.output_in_place(&mut next_action);
         for (u, z) in next_action.iter_mut().zip(noise) {
             *u = (*u + (deviation * z).clamp(-clip, clip)).clamp(-limit, limit);
         }
         coupling.execute_in_place(&mut next_action, action);
 
         let input = side_by_side(&[(&observed, width), (&next_action, self.action_size)]);
-        let input = matrix(input, width + self.action_size, &self.device);
-        let [q1, q2] = self.target_critics.each_ref().map(|critic| to_vec(critic.forward(input.clone())));
+        let [q1, q2] = self.target_critics.each_ref().map(|critic| critic.forward(&input));
         let pairs = || q1.iter().zip(&q2);
         Bootstrap {
             value: pairs().map(|(a, b)| a.min(*b)).collect(),
@@ -393,10 +396,10 @@ impl Td3 {
                 weight.push(row_weight);
             }
         }
-        let training = self.device.clone().autodiff();
-        let input = matrix(input, width + sa, &training);
-        let (y, weight) = (column(y, &training), column(weight, &training));
-        let step = |critic: &mut Learner<Critic>| {
+        let training = self.critics[0].device();
+        let input = matrix(input, width + sa, training);
+        let (y, weight) = (column(y, training), column(weight, training));
+        let step = |critic: &mut Learner| {
             let mut values = Vec::new();
             let loss = critic.step(|critic| {
                 let q = critic.forward(input.clone());
@@ -417,34 +420,30 @@ impl Td3 {
     fn step_actor_and_targets(&mut self, batch: &Batch, observed: &[f32]) -> f32 {
         let (rows, sa) = (batch.rows, self.action_size);
         let width = observed.len() / rows;
-        let training = self.device.clone().autodiff();
-        let critic = self.critics[0].module().clone().no_grad();
+        let training = self.actor.device().clone();
+        let critic = self.critics[0].frozen();
         let coupling = self.settings.coupling;
         let tau = self.settings.tau;
         let step_actor = || {
             self.actor.step_by_rows(rows, |actor, range| {
                 let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
                 let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
-                let output = actor.forward(observed.clone());
+                let output = coupling.output(actor.forward(observed.clone()));
                 let action = coupling.execute(output, matrix(previous, sa, &training));
                 critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
             })
         };
         let step_target_critics = || {
             for (target, critic) in self.target_critics.iter_mut().zip(&self.critics) {
-                target.polyak(critic.module(), tau);
+                target.polyak(critic.mlp(), tau);
             }
         };
         let (loss, ()) = rayon::join(step_actor, step_target_critics);
-        self.target_actor.polyak(self.actor.module(), tau);
+        self.target_actor.polyak(self.actor.mlp(), tau);
         loss
     }
 
     fn observe(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {
         self.settings.coupling.observe(obs, previous, self.obs_size, self.action_size)
-    }
-
-    fn matrix(&self, rows: &[f32], width: usize) -> Tensor<2> {
-        matrix(rows.to_vec(), width, &self.device)
     }
 }

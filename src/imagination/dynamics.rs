@@ -1,23 +1,19 @@
 //! The learned dynamics model.
 
 use super::{ModelSettings, Predict};
-use crate::nn::{Learner, Mlp, WeightError, Weights, matrix, rows_of, side_by_side, to_vec};
+use crate::nn::{Learner, Mlp, WeightError, Weights, matrix, rows_of, side_by_side};
 use crate::random::Stream;
-use burn::module::Module;
 use burn::tensor::Device;
 
 /// `f(s, a)`: predicts, in scaled space, the coordinates of the next observation that the task's
 /// designer does not know (paper, equation 5).
 pub struct DynamicsModel {
-    learner: Learner<Mlp>,
-    /// A copy to predict with.
-    mlp: Mlp,
+    learner: Learner,
     predict: Predict,
     obs_size: usize,
     action_size: usize,
     /// Coordinates that are predicted, ascending.
     learned: Vec<usize>,
-    device: Device,
 }
 
 /// Sizes of a task's observations and actions, and what is known of the next observation.
@@ -50,7 +46,7 @@ impl DynamicsModel {
         device: &Device,
     ) -> DynamicsModel {
         let widths = shape.widths(&settings.hidden);
-        let mlp = Mlp::new(&widths, rng, &device.clone().autodiff());
+        let mlp = Mlp::new(&widths, rng);
         DynamicsModel::from_mlp(settings, shape, mlp, device)
     }
 
@@ -65,7 +61,7 @@ impl DynamicsModel {
         device: &Device,
     ) -> Result<DynamicsModel, WeightError> {
         let widths = shape.widths(&settings.hidden);
-        let mlp = Mlp::load("model", &widths, weights, &device.clone().autodiff())?;
+        let mlp = Mlp::load("model", &widths, weights)?;
         Ok(DynamicsModel::from_mlp(settings, shape, mlp, device))
     }
 
@@ -76,19 +72,17 @@ impl DynamicsModel {
         device: &Device,
     ) -> DynamicsModel {
         DynamicsModel {
-            mlp: mlp.valid(),
-            learner: Learner::new(mlp, settings.learning_rate),
+            learner: Learner::new(mlp, settings.learning_rate, device),
             predict: settings.predict,
             obs_size: shape.obs_size,
             action_size: shape.action_size,
             learned: shape.learned(),
-            device: device.clone(),
         }
     }
 
     /// Adds `model.l<i>.*` to `weights`.
     pub fn save(&self, weights: &mut Weights) {
-        self.mlp.save("model", weights);
+        self.learner.mlp().save("model", weights);
     }
 
     /// One Adam step on `mean((f(s, a) - s')^2)` over rows and learned coordinates; `obs` and
@@ -100,16 +94,14 @@ impl DynamicsModel {
             return 0.0;
         }
         let target = self.targets(obs, next_obs);
-        let device = self.device.clone().autodiff();
+        let device = self.learner.device().clone();
         let weight = 1.0 / (rows * width) as f64;
-        let loss = self.learner.step_by_rows(rows, |mlp, range| {
+        self.learner.step_by_rows(rows, |mlp, range| {
             let input = side_by_side(&[(rows_of(obs, so, &range), so), (rows_of(action, sa, &range), sa)]);
             let target = rows_of(&target, width, &range).to_vec();
             let error = mlp.forward(matrix(input, so + sa, &device)) - matrix(target, width, &device);
             (error.clone() * error).sum() * weight
-        });
-        self.mlp = self.learner.module().valid();
-        loss
+        })
     }
 
     /// Mean squared one-step error over rows and learned coordinates, without training.
@@ -134,8 +126,7 @@ impl DynamicsModel {
         if self.learned.is_empty() {
             return next;
         }
-        let input = matrix(side_by_side(&[(obs, so), (action, sa)]), so + sa, &self.device);
-        let output = to_vec(self.mlp.forward(input));
+        let output = self.learner.mlp().forward(&side_by_side(&[(obs, so), (action, sa)]));
         let width = self.learned.len();
         for (next, output) in next.chunks_exact_mut(so).zip(output.chunks_exact(width)) {
             for (&i, x) in self.learned.iter().zip(output) {

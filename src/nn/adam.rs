@@ -4,6 +4,7 @@
 //! moments as plain slices, in the order in which the module visits its parameters, and was
 //! measured to take a quarter of the time (`benches/update.rs`, group `adam`).
 
+use super::{Mlp, TrainableMlp};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
@@ -38,17 +39,31 @@ impl Adam {
         }
     }
 
+    /// The same learning rate without a step so far.
+    pub fn forgetful(&self) -> Adam {
+        Adam {
+            learning_rate: self.learning_rate,
+            steps: 0,
+            moments: Vec::new(),
+        }
+    }
+
     /// `module` after one step down the sum of `gradients`, each of which has one for every
-    /// parameter that is to move.
-    pub fn step<M: Module>(&mut self, module: M, gradients: Vec<GradientsParams>) -> M {
+    /// parameter; `copy` is made equal to the result in the same pass.
+    pub fn step(
+        &mut self,
+        module: TrainableMlp,
+        gradients: Vec<GradientsParams>,
+        copy: &mut Mlp,
+    ) -> TrainableMlp {
         self.steps += 1;
         let correction = |beta: f32| 1.0 - f64::from(beta).powi(self.steps);
+        self.moments.resize_with(copy.parameters().count(), Moments::default);
         let mut mapper = Mapper {
             step_size: (f64::from(self.learning_rate) / correction(BETA_1)) as f32,
             second_scale: (1.0 / correction(BETA_2).sqrt()) as f32,
-            moments: &mut self.moments,
+            parameters: Box::new(self.moments.iter_mut().zip(copy.parameters_mut())),
             gradients,
-            visited: 0,
         };
         module.map(&mut mapper)
     }
@@ -57,18 +72,14 @@ impl Adam {
 struct Mapper<'a> {
     step_size: f32,
     second_scale: f32,
-    moments: &'a mut Vec<Moments>,
+    /// Moments and copy of each parameter, in the order in which the module visits them.
+    parameters: Box<dyn Iterator<Item = (&'a mut Moments, &'a mut Vec<f32>)> + 'a>,
     gradients: Vec<GradientsParams>,
-    visited: usize,
 }
 
 impl ModuleMapper for Mapper<'_> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let place = self.visited;
-        self.visited += 1;
-        if self.moments.len() == place {
-            self.moments.push(Moments::default());
-        }
+        let (moments, copy) = self.parameters.next().expect("one for each parameter");
         let id = param.id;
         let mut parts = self.gradients.iter_mut().filter_map(|g| g.remove::<D>(id));
         let Some(mut gradient) = parts.next().map(Tensor::into_data) else {
@@ -81,7 +92,6 @@ impl ModuleMapper for Mapper<'_> {
             gradient.iter_mut().zip(more).for_each(|(g, m)| *g += m);
         }
 
-        let moments = &mut self.moments[place];
         moments.first.resize(gradient.len(), 0.0);
         moments.second.resize(gradient.len(), 0.0);
         let (step_size, second_scale) = (self.step_size, self.second_scale);
@@ -97,6 +107,7 @@ impl ModuleMapper for Mapper<'_> {
                 step_size,
                 second_scale,
             );
+            copy.copy_from_slice(parameter);
             Tensor::from_data(data, &device).require_grad()
         })
     }

@@ -1,24 +1,24 @@
-//! Networks: multilayer perceptrons, actor, critic, their optimiser, and observation scaling.
+//! Networks: multilayer perceptrons, their optimiser, action coupling and observation scaling.
 //!
-//! Tensors are `[batch, features]`, single precision. Networks under training live on a device
-//! with automatic differentiation, targets and acting copies on the plain one.
+//! A network is plain numbers where it predicts ([`Mlp`]) and a burn module where it is trained
+//! ([`TrainableMlp`], held by a [`Learner`]). Everything is single precision, `[batch, features]`.
 
-mod actor;
 mod adam;
-mod critic;
+mod coupling;
 mod learner;
 mod mlp;
 mod scaling;
 mod settings;
 mod tensors;
+mod trainable;
 mod weights;
 
-pub use actor::{Actor, Coupling};
 pub use adam::Adam;
-pub use critic::Critic;
+pub use coupling::Coupling;
 pub use learner::Learner;
 pub use mlp::Mlp;
 pub use scaling::{ObservationScaling, RunningMoments};
 pub use settings::{Backend, NetworkSettings, ScalingSettings};
 pub use tensors::{column, matrix, rows_of, side_by_side, to_vec};
+pub use trainable::TrainableMlp;
 pub use weights::{WeightError, Weights};

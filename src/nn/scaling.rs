@@ -106,7 +106,7 @@ impl ObservationScaling {
     /// Adds `scaling.mean`, `scaling.deviation` and `scaling.clip` to `weights`.
     pub fn save(&self, weights: &mut Weights) {
         let mut insert = |name: &str, data: &[f32]| {
-            weights.insert_data(format!("scaling.{name}"), TensorData::new(data.to_vec(), [data.len()]));
+            weights.insert(format!("scaling.{name}"), TensorData::new(data.to_vec(), [data.len()]));
         };
         insert("mean", &self.mean);
         insert("deviation", &self.deviation);
@@ -118,7 +118,7 @@ impl ObservationScaling {
     /// # Errors
     /// When an array is missing or has another shape.
     pub fn load(size: usize, weights: &Weights) -> Result<ObservationScaling, WeightError> {
-        let read = |name: &str, size: usize| weights.get_vec(&format!("scaling.{name}"), &[size]);
+        let read = |name: &str, size: usize| weights.get(&format!("scaling.{name}"), &[size]);
         Ok(ObservationScaling {
             mean: read("mean", size)?,
             deviation: read("deviation", size)?,

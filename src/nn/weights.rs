@@ -1,6 +1,6 @@
 //! Named arrays, as saved in `safetensors` files.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::TensorData;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::{BTreeMap, HashMap};
 
@@ -34,13 +34,8 @@ pub enum WeightError {
 }
 
 impl Weights {
-    /// Adds an array.
-    pub fn insert<const D: usize>(&mut self, name: String, tensor: Tensor<D>) {
-        self.insert_data(name, tensor.into_data());
-    }
-
     /// Adds an array of single-precision numbers.
-    pub fn insert_data(&mut self, name: String, data: TensorData) {
+    pub fn insert(&mut self, name: String, data: TensorData) {
         self.0.insert(name, data);
     }
 
@@ -49,11 +44,11 @@ impl Weights {
         self.0.keys().map(String::as_str)
     }
 
-    /// The array `name`.
+    /// The numbers of the array `name`, row by row.
     ///
     /// # Errors
-    /// When it is missing, has another shape or holds a number that is not finite.
-    pub fn get(&self, name: &str, shape: &[usize]) -> Result<TensorData, WeightError> {
+    /// When it is missing or has another shape.
+    pub fn get(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightError> {
         let data = self.0.get(name).ok_or_else(|| WeightError::Missing(name.to_owned()))?;
         let found: Vec<usize> = data.shape().to_vec();
         if found != shape {
@@ -63,16 +58,8 @@ impl Weights {
                 expected: shape.to_vec(),
             });
         }
-        Ok(data.clone())
-    }
-
-    /// The numbers of the array `name`, row by row.
-    ///
-    /// # Errors
-    /// As [`get`](Weights::get).
-    pub fn get_vec(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightError> {
-        let data = self.get(name, shape)?;
-        data.try_into_vec::<f32>().map_err(|e| WeightError::Format(format!("{e:?}")))
+        let numbers = data.as_slice::<f32>();
+        Ok(numbers.map_err(|e| WeightError::Format(format!("{e:?}")))?.to_vec())
     }
 
     /// As the bytes of a `safetensors` file with `metadata`.
@@ -114,7 +101,7 @@ impl Weights {
             if name != "scaling.clip" && numbers.iter().any(|x| !x.is_finite()) {
                 return Err(WeightError::NotFinite(name.to_owned()));
             }
-            weights.insert_data(name.to_owned(), TensorData::new(numbers, view.shape().to_vec()));
+            weights.insert(name.to_owned(), TensorData::new(numbers, view.shape().to_vec()));
         }
         Ok((weights, metadata))
     }

@@ -6,8 +6,7 @@
 use crate::agent::{Policy, Td3};
 use crate::config::{self, Config, ConfigError};
 use crate::env::Spec;
-use crate::nn::{Actor, ObservationScaling, WeightError, Weights};
-use burn::module::Module;
+use crate::nn::{Mlp, ObservationScaling, WeightError, Weights};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -196,20 +195,11 @@ impl Checkpoint {
     /// When the arrays do not fit the task and the configuration.
     pub fn policy(&self, spec: &Spec) -> Result<Policy, CheckpointError> {
         let settings = self.config.td3(spec);
-        let device = self.config.compute.backend.device();
-        let observed = settings.coupling.observed_width(spec.obs_size, spec.action_size);
+        let widths = settings.actor_widths(spec.obs_size, spec.action_size);
         let load = || -> Result<Policy, WeightError> {
-            let actor = Actor::load(
-                "actor",
-                observed,
-                &settings.networks.hidden,
-                spec.action_size,
-                spec.action_limit,
-                &self.weights,
-                &device,
-            )?;
+            let actor = Mlp::load("actor", &widths, &self.weights)?;
             let scaling = ObservationScaling::load(spec.obs_size, &self.weights)?;
-            Ok(Policy::new(actor.valid(), scaling, settings.coupling, &device))
+            Ok(Policy::new(actor, scaling, settings.coupling))
         };
         load().map_err(|error| damaged(self.path.join(WEIGHTS), error))
     }
