@@ -57,12 +57,9 @@ impl Mlp {
         let (first, rest) = self.layers.split_first().expect("at least one layer");
         let mut features = first.forward(input);
         for layer in rest {
-            for x in &mut features {
-                // Unlike `max` this lets a NaN through, so that it is noticed.
-                if *x < 0.0 {
-                    *x = 0.0;
-                }
-            }
+            // Unlike `max` this lets a NaN through, so that it is noticed; and unlike a branch it
+            // is done for many numbers at once.
+            features.iter_mut().for_each(|x| *x = if *x < 0.0 { 0.0 } else { *x });
             features = layer.forward(&features);
         }
         features
