@@ -1,7 +1,15 @@
 //! Model-assisted model-free reinforcement learning on MuJoCo.
 
+pub mod agent;
+pub mod cli;
+pub mod config;
 pub mod env;
+pub mod imagination;
+pub mod nn;
+pub mod parallel;
 pub mod random;
+pub mod replay;
+pub mod training;
 pub mod verification;
 
 /// Activations and gradients of a 256 x 256 layer lie just above the size at which the system

@@ -289,9 +289,7 @@ fn is_geom(model: &Model, i: usize, geom: &Value) -> bool {
             &numbers(&geom["size"])[..sizes],
         )
         && close(&turned, &rotation(&numbers(&geom["quat"])).concat())
-        && integers
-            .iter()
-            .all(|(key, array)| geom[*key] == array[i])
+        && integers.iter().all(|(key, array)| geom[*key] == array[i])
         && reals
             .iter()
             .all(|(key, array, n)| close(of(array, i, *n), &numbers(&geom[*key])))

@@ -1,0 +1,124 @@
+//! One update of TD3 and of MAMF (its model step included) at the sizes of HalfCheetah, batch and
+//! noise drawn from replay as in training.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use mamf::agent::{ImaginationDraws, Sample, Td3};
+use mamf::config::{Config, Method};
+use mamf::env;
+use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination};
+use mamf::nn::RunningMoments;
+use mamf::parallel::with_threads;
+use mamf::random::stream;
+use mamf::replay::{ReplayBuffer, Transition};
+use rand::RngExt;
+use std::hint::black_box;
+use std::time::Instant;
+
+const TASK: &str = "HalfCheetah-v4";
+const STORED: usize = 100_000;
+
+/// A closure that makes one update of `method` on random data of the task's sizes.
+fn updates(method: Method) -> impl FnMut() + Send {
+    let config = Config::preset(method);
+    let (env, rules) = env::make(TASK).unwrap();
+    let spec = env.spec().clone();
+    let (obs_size, action_size, rows) = (spec.obs_size, spec.action_size, config.batch_size);
+    let device = config.compute.backend.device();
+    let mut rng = stream(0, "bench");
+
+    let imagination = method.learns_model().then(|| {
+        let shape = DynamicsShape {
+            obs_size,
+            action_size,
+            known: rules.known(),
+        };
+        let model = DynamicsModel::new(&config.model, shape, &mut rng, &device);
+        Imagination::new(&config.imagination, spec.action_limit, model, rules)
+    });
+    let settings = config.td3(&spec);
+    let mut agent = Td3::new(
+        settings,
+        obs_size,
+        action_size,
+        imagination,
+        &mut rng,
+        &device,
+    );
+    agent.set_optimism(50.0);
+
+    let mut replay = ReplayBuffer::new(STORED, obs_size, action_size);
+    let mut moments = RunningMoments::new(obs_size);
+    for _ in 0..STORED {
+        let mut uniform = |n| -> Vec<f32> { (0..n).map(|_| rng.random_range(-1.0..1.0)).collect() };
+        let (obs, action, previous) = (
+            uniform(obs_size),
+            uniform(action_size),
+            uniform(action_size),
+        );
+        let next_obs: Vec<f32> = obs
+            .iter()
+            .zip(uniform(obs_size))
+            .map(|(s, e)| s + 0.1 * e)
+            .collect();
+        moments.add(&obs.iter().map(|x| f64::from(*x)).collect::<Vec<_>>());
+        let reward = obs[8];
+        replay.push(Transition {
+            obs: &obs,
+            action: &action,
+            reward,
+            next_obs: &next_obs,
+            terminated: false,
+            previous_action: &previous,
+        });
+    }
+    let scaling = moments.scaling(5.0, 1e-2);
+    // A stream for each of the two kinds of draws, as in training.
+    let (mut batch_rng, mut imagination_rng) = (stream(1, "bench"), stream(2, "bench"));
+    let imagines = method.learns_model();
+    move || {
+        let (sample, imagination) = rayon::join(
+            || {
+                Sample::draw(
+                    replay.sample(rows, &mut batch_rng),
+                    action_size,
+                    &mut batch_rng,
+                )
+            },
+            || {
+                imagines.then(|| {
+                    let batch = replay.sample(rows, &mut imagination_rng);
+                    ImaginationDraws::draw(batch, rows, action_size, &mut imagination_rng)
+                })
+            },
+        );
+        let sample = Sample {
+            imagination,
+            ..sample
+        };
+        black_box(agent.update(&sample, &scaling));
+    }
+}
+
+fn bench(criterion: &mut Criterion) {
+    // scripts/peers/compare.py sets the number of threads for both sides.
+    let threads = std::env::var("MAMF_BENCH_THREADS").map_or(2, |n| n.parse().unwrap());
+    for (group, threads) in [("update", threads), ("update-1-thread", 1)] {
+        let mut group = criterion.benchmark_group(group);
+        for method in [Method::Td3, Method::Mamf] {
+            let mut update = updates(method);
+            group.bench_function(method.name(), |bencher| {
+                bencher.iter_custom(|iterations| {
+                    let timed = || {
+                        let start = Instant::now();
+                        (0..iterations).for_each(|_| update());
+                        start.elapsed()
+                    };
+                    with_threads(threads, timed).unwrap()
+                });
+            });
+        }
+    }
+}
+
+criterion_group!(benches, bench);
+criterion_main!(benches);

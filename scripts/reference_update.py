@@ -1,0 +1,682 @@
+#!/usr/bin/env python3
+"""Training steps of TD3 and MAMF in double precision, written as fixtures for the tests.
+
+This is a second, independent implementation of one training step of phase 2 (Algorithm 1,
+lines 18-26): dynamics model, critics, actor, Polyak averaging. It is written to be compared
+with the paper, not to be fast: float64, PyTorch's autograd for the derivatives, all N imaginary
+rows computed, one pass per network and argument. Equation numbers are the paper's.
+
+Every case draws small random networks, three batches and the noise from a fixed seed, takes three
+consecutive steps and writes one file `<case>.safetensors`. All inputs are float32 numbers, so
+that single precision code starts from exactly the same values.
+
+    python scripts/reference_update.py --out tests/fixtures/update           # write
+    python scripts/reference_update.py --out tests/fixtures/update --check   # recompute, compare
+
+Notation and shapes: N rows a batch, S observation size, A action size;
+s, s' [N, S]; a, p (the action executed before a) [N, A]; r, d (1 where terminated) [N].
+Layers compute y = x W + b with W [in, out].
+
+What the tensors of a file are called is described in `tests/fixtures/update/README.md`.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import safe_open
+from safetensors.numpy import save_file
+
+STEPS = 3
+CLIP_SCALED = 5.0  # bound of scaled observations
+SMOOTHING_DEVIATION, SMOOTHING_BOUND = 0.2, 0.5  # target smoothing, in units of a_max
+TIE = 1e-4  # no decision of a case may be closer than this to turning out the other way
+
+
+# ---------------------------------------------------------------------------------------------
+# Settings
+# ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One case. Stored as JSON under the key `settings` of the file's metadata."""
+
+    case: str
+    seed: int
+    imagination: bool  # False: TD3, no dynamics model at all
+    task: str = "Hopper-v4"
+    beta: float = 0.7  # action coupling; 1 leaves p out of every input
+    gamma: float = 0.98
+    tau: float = 0.005
+    eta: float = 1.0  # bound of the imaginary noise in step 0
+    rho: float = 0.9  # eta <- eta * rho after each step
+    noise_decay: bool = True
+    predict: str = "next_state"  # or "delta"
+    velocity: str = "start"  # forward velocity of the reward rule: "start" or "mean"
+    target_filter: bool = True  # eq. (8)
+    strict: bool = False  # eq. (8) with > instead of >=
+    uncertainty_filter: bool = True  # eq. (9)
+    uncertainty_scale: str = "running_max"  # or "batch_max"
+    running_max: float = 0.0  # largest Delta seen before step 0
+    imaginary_loss_mean: str = "kept"  # second mean of eq. (10) over n ("kept") or N ("batch")
+    policy_delay: int = 2  # actor and targets move in step i when (i + 1) % policy_delay == 0
+    actor_lr: float = 3e-4
+    critic_lr: float = 3e-4
+    model_lr: float = 1e-4
+    adam_betas: tuple = (0.9, 0.999)
+    adam_epsilon: float = 1e-8
+    batch_size: int = 64
+    hidden: tuple = (32, 32)  # actor and critics
+    model_hidden: tuple = (32, 32, 32)
+    steps: int = STEPS
+
+    @property
+    def rules(self):
+        return RULES[self.task](self.velocity)
+
+    @property
+    def a_max(self):
+        return RULES[self.task].a_max
+
+
+CASES = [
+    Settings("td3", seed=1, imagination=False),
+    Settings("td3_uncoupled", seed=2, imagination=False, beta=1.0),
+    # What the paper's text says ...
+    Settings("mamf_paper", seed=103, imagination=True, velocity="mean"),
+    # ... and what the authors' released implementation does.
+    Settings(
+        "mamf_released",
+        seed=4,
+        imagination=True,
+        uncertainty_scale="batch_max",
+        imaginary_loss_mean="batch",
+        strict=True,
+    ),
+    Settings("mamf_no_target_filter", seed=106, imagination=True, target_filter=False, running_max=6.5),
+    Settings("mamf_no_uncertainty_filter", seed=7, imagination=True, uncertainty_filter=False),
+    Settings("mamf_delta", seed=8, imagination=True, predict="delta", running_max=8.9, velocity="mean"),
+    # The largest difference ever seen is so large that P is about 0: n = 0 in every step.
+    Settings("mamf_nothing_kept", seed=9, imagination=True, running_max=1e9),
+    Settings("mamf_reacher", seed=410, imagination=True, task="Reacher-v4", running_max=2.5),
+    # Rewards are all 1, so y_hat = y = 1 exactly where both transitions terminate: >= and > differ.
+    # a_max is 3; the second one is without action coupling as well.
+    Settings(
+        "mamf_pendulum", seed=111, imagination=True, task="InvertedPendulum-v4", eta=3.0, running_max=6.4
+    ),
+    Settings(
+        "mamf_pendulum_uncoupled",
+        seed=1112,
+        imagination=True,
+        task="InvertedPendulum-v4",
+        beta=1.0,
+        eta=3.0,
+        strict=True,
+        uncertainty_scale="batch_max",
+        noise_decay=False,
+    ),
+]
+
+
+# ---------------------------------------------------------------------------------------------
+# What the designer of a task knows, on observations that are not scaled
+# ---------------------------------------------------------------------------------------------
+
+
+class Rules:
+    """Base: no termination, nothing known. `mean` and `deviation` only shape the random data."""
+
+    known = ()  # coordinates of s' that `complete` fills in and the model does not predict
+
+    def __init__(self, velocity):
+        self.velocity = velocity
+
+    def reward(self, s, a, s_next):
+        """r(s, a, s') -> [N]"""
+        raise NotImplementedError
+
+    def terminated(self, s_next):
+        """True where the task really ended -> [N]"""
+        return torch.zeros(len(s_next), dtype=torch.bool)
+
+    def complete(self, s, a, s_next):
+        """Overwrites the known coordinates of s' -> [N, S]"""
+        return s_next
+
+    def limits(self, s_next):
+        """Pairs (quantity [N], bound) that `terminated` compares; to keep clear of ties."""
+        return []
+
+
+class Hopper(Rules):
+    size, actions, a_max = 11, 3, 1.0
+    mean = [1.2, 0.02, -0.1, -0.2, 0.05, 1.0, -0.1, 0.03, -0.2, -0.1, 0.1]
+    deviation = [0.25, 0.1, 0.2, 0.2, 0.5, 0.8, 1.3, 1.2, 2.0, 2.1, 4.0]
+
+    def reward(self, s, a, s_next):
+        v = s[:, 5] if self.velocity == "start" else (s[:, 5] + s_next[:, 5]) / 2
+        return v + 1 - 0.001 * (a**2).sum(1)
+
+    def terminated(self, s_next):
+        height, angle, rest = s_next[:, 0], s_next[:, 1], s_next[:, 1:]
+        healthy = (height > 0.7) & (angle.abs() < 0.2) & (rest.abs() < 100).all(1)
+        return ~healthy
+
+    def limits(self, s_next):
+        return [(s_next[:, 0], 0.7), (s_next[:, 1].abs(), 0.2), (s_next[:, 1:].abs().amax(1), 100.0)]
+
+
+class Reacher(Rules):
+    size, actions, a_max = 11, 2, 1.0
+    known = (4, 5, 10)  # the position of the target; both points lie in one plane, so 10 is constant
+    mean = [0.6, 0.5, 0.1, -0.1, 0.01, -0.02, 0.1, -0.3, 0.03, 0.02, 0.01]
+    deviation = [0.4, 0.5, 0.6, 0.7, 0.1, 0.12, 4.0, 6.0, 0.15, 0.14, 0.01]
+
+    def reward(self, s, a, s_next):
+        return -s[:, 8:11].norm(dim=1) - (a**2).sum(1)  # both before the action
+
+    def complete(self, s, a, s_next):
+        s_next = s_next.clone()
+        known = list(self.known)
+        s_next[:, known] = s[:, known]
+        return s_next
+
+
+class InvertedPendulum(Rules):
+    size, actions, a_max = 4, 1, 3.0
+    mean = [0.02, -0.01, 0.1, 0.05]
+    deviation = [0.3, 0.15, 0.9, 1.8]
+
+    def reward(self, s, a, s_next):
+        return torch.ones(len(s), dtype=s.dtype)
+
+    def terminated(self, s_next):
+        return s_next[:, 1].abs() > 0.2
+
+    def limits(self, s_next):
+        return [(s_next[:, 1].abs(), 0.2)]
+
+
+RULES = {"Hopper-v4": Hopper, "Reacher-v4": Reacher, "InvertedPendulum-v4": InvertedPendulum}
+
+
+# ---------------------------------------------------------------------------------------------
+# The mathematics
+# ---------------------------------------------------------------------------------------------
+
+
+def clip(x, bound):
+    return x.clamp(-bound, bound)
+
+
+class Learner:
+    """Networks, optimisers and counters of one run; `step` is one training step of phase 2."""
+
+    def __init__(self, settings, inputs, dtype=torch.float64):
+        self.settings, self.rules, self.dtype = settings, settings.rules, dtype
+        self.mean = self.tensor(inputs["in.scaling.mean"])
+        self.deviation = self.tensor(inputs["in.scaling.deviation"])
+        known = set(self.rules.known)
+        self.trained = [j for j in range(self.rules.size) if j not in known]
+
+        # {"actor": [(W1, b1), (W2, b2), ...], "critic1": ..., "target_actor": ..., ...}
+        self.networks = {}
+        for name in network_sizes(settings):
+            layers, number = [], 1
+            while f"in.{name}.l{number}.weight" in inputs:
+                weight = self.tensor(inputs[f"in.{name}.l{number}.weight"])
+                bias = self.tensor(inputs[f"in.{name}.l{number}.bias"])
+                learned = not name.startswith("target_")
+                layers.append((weight.requires_grad_(learned), bias.requires_grad_(learned)))
+                number += 1
+            self.networks[name] = layers
+
+        self.adam = {
+            name: torch.optim.Adam(
+                [parameter for layer in self.networks[name] for parameter in layer],
+                lr=rate,
+                betas=settings.adam_betas,
+                eps=settings.adam_epsilon,
+                foreach=False,
+            )
+            for name, rate in [
+                ("actor", settings.actor_lr),
+                ("critic1", settings.critic_lr),
+                ("critic2", settings.critic_lr),
+                ("model", settings.model_lr),
+            ]
+            if name in self.networks
+        }
+        self.eta = settings.eta
+        self.running_max = settings.running_max
+
+    def tensor(self, array):
+        return torch.tensor(array, dtype=self.dtype)
+
+    # -- networks ------------------------------------------------------------------------------
+
+    def forward(self, name, *inputs):
+        """Concatenated inputs through the layers of a network, ReLU between them."""
+        x = torch.cat(inputs, dim=1)
+        *hidden, last = self.networks[name]
+        for weight, bias in hidden:
+            x = torch.relu(x @ weight + bias)
+        weight, bias = last
+        return x @ weight + bias
+
+    def pi(self, name, s, p):
+        """Actor: [s, p] -> u in [-a_max, a_max]; p is an input only under action coupling."""
+        inputs = (s, p) if self.settings.beta < 1 else (s,)
+        return self.settings.a_max * torch.tanh(self.forward(name, *inputs))
+
+    def q(self, name, s, p, a):
+        """Critic: [s, p, a] -> Q [N]; p is an input only under action coupling."""
+        inputs = (s, p, a) if self.settings.beta < 1 else (s, a)
+        return self.forward(name, *inputs).squeeze(1)
+
+    def couple(self, u, p):
+        """Executed action: beta u + (1 - beta) p."""
+        return self.settings.beta * u + (1 - self.settings.beta) * p
+
+    def scale(self, s):
+        return clip((s - self.mean) / self.deviation, CLIP_SCALED)
+
+    # -- targets -------------------------------------------------------------------------------
+
+    def target(self, r, d, s_next, a, noise):
+        """Eq. (4): y = r + gamma (1 - d) min(Q1', Q2')(s', a'). Returns y and |Q1' - Q2'|, both [N].
+
+        a' is the smoothed action of the target actor, coupled with a, which is the action
+        executed before it. s' is scaled.
+        """
+        a_max = self.settings.a_max
+        epsilon = clip(SMOOTHING_DEVIATION * a_max * noise, SMOOTHING_BOUND * a_max)
+        u_next = clip(self.pi("target_actor", s_next, a) + epsilon, a_max)
+        a_next = self.couple(u_next, a)
+        q1 = self.q("target_critic1", s_next, a, a_next)
+        q2 = self.q("target_critic2", s_next, a, a_next)
+        y = r + self.settings.gamma * (1 - d) * torch.minimum(q1, q2)
+        return y, (q1 - q2).abs()
+
+    # -- one step ------------------------------------------------------------------------------
+
+    def step(self, i, inputs):
+        """Training step i. Returns its results by name, and the distances to ties."""
+        out, ties = {}, []
+        batch, model_batch, noise = (
+            {
+                name.removeprefix(f"in.{i}.{group}."): self.tensor(array)
+                for name, array in inputs.items()
+                if name.startswith(f"in.{i}.{group}.")
+            }
+            for group in ("batch", "model_batch", "noise")
+        )
+
+        # Line 18: the dynamics model, on a batch of its own.
+        if self.settings.imagination:
+            out["model_loss"] = self.model_step(model_batch)
+
+        # Line 19: the sampled transitions and their targets, eq. (4).
+        raw_s, a, p = batch["obs"], batch["action"], batch["prev_action"]
+        s, s_next = self.scale(raw_s), self.scale(batch["next_obs"])
+        with torch.no_grad():
+            y, _ = self.target(batch["reward"], batch["terminated"], s_next, a, noise["smoothing"])
+        out["y"] = y
+
+        # Lines 19 to 21: imaginary transitions of the same states, and the two filters.
+        if self.settings.imagination:
+            with torch.no_grad():
+                a_hat, y_hat, delta = self.imagine(s, raw_s, p, noise, out, ties)
+                keep = self.filter(y, y_hat, delta, noise["keep"], out, ties)
+            out.update(a_hat=a_hat, y_hat=y_hat, delta=delta, keep_mask=keep)
+            out["eta"] = torch.tensor(self.eta, dtype=torch.float64)
+            if self.settings.noise_decay:
+                self.eta *= self.settings.rho  # line 20
+
+        # Line 22: both critics, eq. (10).
+        for critic in ("critic1", "critic2"):
+            loss = ((self.q(critic, s, p, a) - y) ** 2).mean()
+            if self.settings.imagination:
+                squares = (self.q(critic, s, p, a_hat) - y_hat) ** 2
+                kept = squares[keep]
+                if self.settings.imaginary_loss_mean == "batch":
+                    loss = loss + kept.sum() / len(squares)
+                elif len(kept) > 0:
+                    loss = loss + kept.sum() / len(kept)
+            self.descend(critic, loss)
+            out[f"{critic}_loss"] = loss.detach()
+
+        # Lines 23 to 26: actor, with the critics just updated, and target networks.
+        if (i + 1) % self.settings.policy_delay == 0:
+            loss = -self.q("critic1", s, p, self.couple(self.pi("actor", s, p), p)).mean()
+            self.descend("actor", loss)
+            out["actor_loss"] = loss.detach()
+            self.polyak()
+        return out, ties
+
+    def model_step(self, batch):
+        """Eq. (5) in scaled space, over the coordinates that are not known."""
+        s, s_next = self.scale(batch["obs"]), self.scale(batch["next_obs"])
+        target = s_next - s if self.settings.predict == "delta" else s_next
+        error = self.forward("model", s, batch["action"]) - target[:, self.trained]
+        loss = (error**2).mean()
+        self.descend("model", loss)
+        return loss.detach()
+
+    def imagine(self, s, raw_s, p, noise, out, ties):
+        """Eq. (7) and the target of the imaginary transition. Returns a_hat, y_hat, Delta."""
+        nu = clip(noise["imaginary"], self.eta)
+        a_hat = clip(self.couple(self.pi("actor", s, p) + nu, p), self.settings.a_max)
+
+        prediction = torch.zeros_like(s)
+        prediction[:, self.trained] = self.forward("model", s, a_hat)
+        if self.settings.predict == "delta":
+            prediction = prediction + s
+        raw_s_hat = self.rules.complete(raw_s, a_hat, self.mean + self.deviation * prediction)
+
+        r_hat = self.rules.reward(raw_s, a_hat, raw_s_hat)
+        d_hat = self.rules.terminated(raw_s_hat)
+        for quantity, bound in self.rules.limits(raw_s_hat):
+            ties.append((quantity - bound).abs() / bound)
+
+        y_hat, delta = self.target(
+            r_hat, d_hat.to(self.dtype), self.scale(raw_s_hat), a_hat, noise["smoothing_imaginary"]
+        )
+        beyond = ((raw_s_hat - self.mean) / self.deviation).abs() > CLIP_SCALED
+        out.update(r_hat=r_hat, d_hat=d_hat, s_hat_clipped=beyond.sum())
+        return a_hat, y_hat, delta
+
+    def filter(self, y, y_hat, delta, uniform, out, ties):
+        """Eqs. (8) and (9). Returns the mask of the rows that pass both filters."""
+        target_mask = torch.ones_like(y, dtype=torch.bool)
+        if self.settings.target_filter:
+            target_mask = y_hat > y if self.settings.strict else y_hat >= y
+            difference = (y_hat - y).abs() / y.abs().clamp(min=1)
+            ties.append(difference[difference > 0])  # exact equality is no risk
+
+        uncertainty_mask = torch.ones_like(y, dtype=torch.bool)
+        if self.settings.uncertainty_filter:
+            largest = delta.max().item()  # over all rows, those that eq. (8) dropped included
+            if self.settings.uncertainty_scale == "running_max":
+                largest = self.running_max = max(largest, self.running_max)
+                out["running_max"] = torch.tensor(self.running_max, dtype=torch.float64)
+            if largest > 0:
+                probability = delta / largest
+                uncertainty_mask = uniform < probability
+                ties.append((uniform - probability).abs())
+            else:
+                uncertainty_mask[:] = False
+
+        out.update(target_mask=target_mask, uncertainty_mask=uncertainty_mask)
+        return target_mask & uncertainty_mask
+
+    def descend(self, name, loss):
+        """One Adam step of one network."""
+        optimiser = self.adam[name]
+        optimiser.zero_grad()
+        parameters = [parameter for layer in self.networks[name] for parameter in layer]
+        for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters)):
+            parameter.grad = gradient
+        optimiser.step()
+
+    def polyak(self):
+        """phi' <- (1 - tau) phi' + tau phi, and the same for theta'."""
+        tau = self.settings.tau
+        for name in ("actor", "critic1", "critic2"):
+            for online, target in zip(self.networks[name], self.networks[f"target_{name}"]):
+                for x, x_target in zip(online, target):
+                    x_target.copy_((1 - tau) * x_target + tau * x.detach())
+
+    def parameters(self):
+        """All parameters by name: {"actor.l1.weight": [in, out], "actor.l1.bias": [out], ...}."""
+        return {
+            f"{name}.l{number}.{kind}": value.detach().numpy().copy()
+            for name, layers in self.networks.items()
+            for number, layer in enumerate(layers, start=1)
+            for kind, value in zip(("weight", "bias"), layer)
+        }
+
+
+# ---------------------------------------------------------------------------------------------
+# Random inputs
+# ---------------------------------------------------------------------------------------------
+
+
+def network_sizes(settings):
+    """Sizes of the layers of every network, inputs first."""
+    rules = RULES[settings.task]
+    previous = rules.actions if settings.beta < 1 else 0
+    actor = [rules.size + previous, *settings.hidden, rules.actions]
+    critic = [rules.size + previous + rules.actions, *settings.hidden, 1]
+    sizes = {"actor": actor, "critic1": critic, "critic2": critic}
+    sizes |= {f"target_{name}": layers for name, layers in sizes.items()}
+    if settings.imagination:
+        predicted = rules.size - len(rules.known)
+        sizes["model"] = [rules.size + rules.actions, *settings.model_hidden, predicted]
+    return sizes
+
+
+def draw_inputs(settings):
+    """Networks, batches and noise of a case, float32, drawn from its seed."""
+    rng = np.random.default_rng(settings.seed)
+    rules, n = settings.rules, settings.batch_size
+    mean, deviation = np.array(rules.mean), np.array(rules.deviation)
+    inputs = {"in.scaling.mean": mean, "in.scaling.deviation": deviation}
+
+    # Targets differ from the online networks, so that a mix-up shows. The model's wide last
+    # layer sends some predictions beyond the clipping bound of scaled observations.
+    for name, sizes in network_sizes(settings).items():
+        for number, (fan_in, fan_out) in enumerate(pairwise(sizes), start=1):
+            last = number == len(sizes) - 1
+            gain = (2.0 if name == "model" else 1.0) if last else np.sqrt(2.0)
+            weight = rng.standard_normal((fan_in, fan_out)) * gain / np.sqrt(fan_in)
+            inputs[f"in.{name}.l{number}.weight"] = weight
+            inputs[f"in.{name}.l{number}.bias"] = 0.1 * rng.standard_normal(fan_out)
+
+    def transitions():
+        s = mean + 1.2 * deviation * rng.standard_normal((n, rules.size))
+        s[0] = mean + 7 * deviation * rng.choice([-1, 1], rules.size)  # beyond the clipping bound
+        s_next = s + 0.5 * deviation * rng.standard_normal(s.shape)
+        known = list(rules.known)
+        s_next[:, known] = s[:, known]
+        p = rng.uniform(-rules.a_max, rules.a_max, (n, rules.actions))
+        p[:4] = 0  # first step of an episode
+        u = rng.uniform(-rules.a_max, rules.a_max, (n, rules.actions))
+        a = settings.beta * u + (1 - settings.beta) * p
+        return [x.astype(np.float32) for x in (s, a, s_next, p)]
+
+    def normal():
+        noise = rng.standard_normal((n, rules.actions))
+        noise[0], noise[1] = 4, -4  # beyond every clipping bound
+        return noise
+
+    for i in range(settings.steps):
+        s, a, s_next, p = transitions()
+        reward = rules.reward(*(torch.tensor(x, dtype=torch.float64) for x in (s, a, s_next))).numpy()
+        if settings.task != "InvertedPendulum-v4":  # there the reward is exactly 1
+            reward = reward + 0.05 * rng.standard_normal(n)  # the simulator's is not quite the rule's
+        inputs |= {
+            f"in.{i}.batch.obs": s,
+            f"in.{i}.batch.action": a,
+            f"in.{i}.batch.reward": reward,
+            f"in.{i}.batch.next_obs": s_next,
+            f"in.{i}.batch.terminated": rules.terminated(torch.tensor(s_next)).numpy(),
+            f"in.{i}.batch.prev_action": p,
+            f"in.{i}.noise.smoothing": normal(),
+        }
+        if settings.imagination:
+            s, a, s_next, _ = transitions()
+            inputs |= {
+                f"in.{i}.model_batch.obs": s,
+                f"in.{i}.model_batch.action": a,
+                f"in.{i}.model_batch.next_obs": s_next,
+                f"in.{i}.noise.imaginary": normal(),
+                f"in.{i}.noise.smoothing_imaginary": normal(),
+                f"in.{i}.noise.keep": rng.uniform(0, 1, n),
+            }
+    return {name: array.astype(np.float32) for name, array in inputs.items()}
+
+
+# ---------------------------------------------------------------------------------------------
+# Cases
+# ---------------------------------------------------------------------------------------------
+
+
+def compute(settings, inputs, dtype=torch.float64):
+    """All steps of a case. Returns {"out.<i>.<name>": array} and the smallest distance to a tie."""
+    learner = Learner(settings, inputs, dtype)
+    outputs, closest = {}, np.inf
+    for i in range(settings.steps):
+        out, ties = learner.step(i, inputs)
+        outputs |= {f"out.{i}.{name}": np.atleast_1d(x.double().numpy()) for name, x in out.items()}
+        closest = min([closest, *(margin.min().item() for margin in ties if len(margin))])
+    last = settings.steps - 1
+    outputs |= {f"out.{last}.{name}": x.astype(np.float32) for name, x in learner.parameters().items()}
+    return outputs, closest
+
+
+def demand(condition, settings, what):
+    if not condition:
+        sys.exit(f"{settings.case}: {what}; give the case another seed")
+
+
+def inspect(settings, inputs, outputs, closest):
+    """Refuses a case that decides nothing, or whose decisions rounding could turn.
+
+    Returns the shares of the rows that pass the filters, as text, and the largest errors of the
+    same computation in single precision: of values (relative) and of parameters (absolute).
+    """
+    demand(closest > TIE, settings, f"a decision is only {closest:.1e} away from a tie")
+
+    single, _ = compute(settings, inputs, torch.float32)
+    value_error = parameter_error = 0.0
+    for name, expected in outputs.items():
+        error = np.abs(single[name] - expected).max()
+        if name.endswith(("_mask", ".d_hat")):
+            demand(error == 0, settings, f"{name} differs in single precision")
+        elif name.endswith((".weight", ".bias")):
+            parameter_error = max(parameter_error, error)
+        else:
+            value_error = max(value_error, error / max(1, np.abs(expected).max()))
+    # Adam divides by the size of the gradient: where a gradient is nearly 0, rounding decides.
+    demand(parameter_error < 1e-6, settings, f"single precision moves a parameter by {parameter_error:.1e}")
+
+    can_end = settings.task != "Reacher-v4"
+    shares, maxima = [], [settings.running_max]
+    for i in range(settings.steps):
+        ended = inputs[f"in.{i}.batch.terminated"].mean()
+        demand(0 < ended < 1 or not can_end, settings, "no sampled row terminates")
+        if not settings.imagination:
+            continue
+        prefix = f"out.{i}."
+        out = {name.removeprefix(prefix): x for name, x in outputs.items() if name.startswith(prefix)}
+        target, uncertainty, kept = (
+            out[name].mean() for name in ("target_mask", "uncertainty_mask", "keep_mask")
+        )
+        shares.append(f"{target:.2f}/{uncertainty:.2f}/{kept:.2f}")
+        maxima.append(out.get("running_max", 0))
+        demand(0 < out["d_hat"].mean() < 1 or not can_end, settings, "no imaginary row terminates")
+        demand(out["s_hat_clipped"] > 0, settings, "no prediction is clipped")
+        demand((0 < target < 1) == settings.target_filter, settings, "the target mask is trivial")
+        if settings.case == "mamf_nothing_kept":
+            demand(uncertainty == 0, settings, "a row is kept")
+        else:
+            expected = settings.uncertainty_filter
+            demand((0 < uncertainty < 1) == expected, settings, "the uncertainty mask is trivial")
+            demand(kept > 0, settings, "no row is kept")
+        if settings.task == "InvertedPendulum-v4":
+            demand((out["y"] == out["y_hat"]).any(), settings, "no exact tie")
+
+    if "out.0.running_max" in outputs and settings.case != "mamf_nothing_kept":
+        moved = [after > before for before, after in pairwise(maxima)]
+        demand(any(moved) and not all(moved), settings, "the running maximum always or never moves")
+    return "  ".join(shares), value_error, parameter_error
+
+
+def write(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    total = 0
+    print(
+        "passed target filter / uncertainty filter / both, for each step; closest tie; "
+        "largest error of the same steps in float32: values (relative), parameters (absolute)"
+    )
+    for settings in CASES:
+        inputs = draw_inputs(settings)
+        outputs, closest = compute(settings, inputs)
+        shares, value, parameter = inspect(settings, inputs, outputs, closest)
+        path = folder / f"{settings.case}.safetensors"
+        rules = RULES[settings.task]
+        stored = asdict(settings) | {
+            "a_max": rules.a_max,
+            "observation_size": rules.size,
+            "action_size": rules.actions,
+            "known": rules.known,
+        }
+        save_file(inputs | outputs, path, metadata={"settings": json.dumps(stored, sort_keys=True)})
+        total += path.stat().st_size
+        print(f"{settings.case:27} {shares or '-':47} {closest:.1e}  {value:.1e}  {parameter:.1e}")
+    print(f"{len(CASES)} files, {total / 1e6:.2f} MB in {folder}")
+
+
+def read(path):
+    with safe_open(path, framework="numpy") as file:
+        stored = json.loads(file.metadata()["settings"])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}
+    fields = {name: stored[name] for name in Settings.__dataclass_fields__}
+    return Settings(**fields), tensors
+
+
+def check(folder):
+    """Recomputes from the stored inputs and settings; exits with 1 where a result differs."""
+    failures = 0
+    for case in CASES:
+        path = folder / f"{case.case}.safetensors"
+        if not path.exists():
+            sys.exit(f"{path} is missing: run this script without --check to write it")
+        settings, stored = read(path)
+        outputs, _ = compute(settings, {name: x for name, x in stored.items() if name.startswith("in.")})
+        expected = {name: x for name, x in stored.items() if name.startswith("out.")}
+        if expected.keys() != outputs.keys():
+            sys.exit(f"{path}: results {sorted(expected.keys() ^ outputs.keys())} are in one of the two only")
+        # Parameters are stored in float32, everything else in float64.
+        wrong = [
+            name
+            for name, x in expected.items()
+            if not np.allclose(outputs[name], x, rtol=0, atol=1e-7 if x.dtype == np.float32 else 1e-9)
+        ]
+        failures += bool(wrong)
+        print(f"{settings.case:27} {len(expected)} results " + (f"DIFFER: {wrong}" if wrong else "agree"))
+    sys.exit(1 if failures else 0)
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description="Write (or check) the fixtures of one training step of TD3 and MAMF in double precision."
+    )
+    default = Path(__file__).resolve().parent.parent / "tests/fixtures/update"
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=default,
+        metavar="DIR",
+        help="folder of the fixtures (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="recompute the stored fixtures and compare; write nothing"
+    )
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    if arguments.check:
+        check(arguments.out)
+    else:
+        write(arguments.out)
+
+
+if __name__ == "__main__":
+    main()

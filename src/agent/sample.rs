@@ -1,0 +1,63 @@
+//! What one update consumes: transitions and noise, all drawn beforehand.
+
+use crate::random::{Stream, fill_normal};
+use crate::replay::Batch;
+use rand::RngExt;
+
+/// Transitions and noise of one update.
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// The batch the critics and the actor learn from.
+    pub batch: Batch,
+    /// Standard normal draws of the target policy's smoothing at `s'`, `[n, action_size]`.
+    pub smoothing: Vec<f32>,
+    /// For agents that imagine.
+    pub imagination: Option<ImaginationDraws>,
+}
+
+/// What imagination consumes besides.
+#[derive(Debug, Clone)]
+pub struct ImaginationDraws {
+    /// The batch of the model's step.
+    pub model_batch: Batch,
+    /// Standard normal draws of the imaginary actions' noise, `[n, action_size]`.
+    pub action: Vec<f32>,
+    /// Standard normal draws of the target policy's smoothing at `s_hat`, `[n, action_size]`.
+    pub smoothing: Vec<f32>,
+    /// Uniform draws in [0, 1) of the uncertainty filter, `[n]`.
+    pub keep: Vec<f32>,
+}
+
+impl ImaginationDraws {
+    /// Draws the noise for `rows` rows.
+    pub fn draw(
+        model_batch: Batch,
+        rows: usize,
+        action_size: usize,
+        rng: &mut Stream,
+    ) -> ImaginationDraws {
+        ImaginationDraws {
+            model_batch,
+            action: standard_normal(rows * action_size, rng),
+            smoothing: standard_normal(rows * action_size, rng),
+            keep: (0..rows).map(|_| rng.random::<f32>()).collect(),
+        }
+    }
+}
+
+impl Sample {
+    /// Draws the smoothing noise for `batch`; nothing for imagination.
+    pub fn draw(batch: Batch, action_size: usize, rng: &mut Stream) -> Sample {
+        Sample {
+            smoothing: standard_normal(batch.rows * action_size, rng),
+            batch,
+            imagination: None,
+        }
+    }
+}
+
+fn standard_normal(n: usize, rng: &mut Stream) -> Vec<f32> {
+    let mut draws = vec![0.0; n];
+    fill_normal(rng, &mut draws);
+    draws
+}

@@ -1,0 +1,84 @@
+//! `mamf eval`
+
+use super::Misuse;
+use crate::parallel::with_threads;
+use crate::random::stream;
+use crate::training::{Checkpoint, Evaluation, Evaluator};
+use anyhow::Context;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `mamf eval`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
+    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
+    checkpoint: PathBuf,
+    /// Episodes of the deterministic policy
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    episodes: u32,
+    /// Seed of the initial states
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Write one row an episode to this new file
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Refuse a checkpoint of another task than this
+    #[arg(long, value_name = "ID")]
+    task: Option<String>,
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let checkpoint = Checkpoint::load(&args.checkpoint)?;
+    if let Some(task) = &args.task {
+        checkpoint.require_task(task)?;
+    }
+    let task = &checkpoint.config.task;
+    let mut evaluator = Evaluator::new(task, stream(args.seed, "eval"))?;
+    let policy = checkpoint.policy(evaluator.spec())?;
+    let csv = args.csv.as_deref().map(create).transpose()?;
+
+    let threads = checkpoint.config.compute.threads;
+    let episodes = args.episodes as usize;
+    let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
+
+    let e = &evaluation;
+    println!(
+        "{task}, {} after {} steps",
+        checkpoint.config.method.name(),
+        checkpoint.step
+    );
+    println!("episodes  {}", e.episodes.len());
+    println!("return    {:.2} +- {:.2}", e.return_mean(), e.return_std());
+    println!("range     {:.2} to {:.2}", e.return_min(), e.return_max());
+    println!("length    {:.1}", e.length_mean());
+    let diverged = e.episodes.iter().filter(|episode| episode.diverged).count();
+    if diverged > 0 {
+        println!("diverged  {diverged}");
+    }
+    if let (Some(writer), Some(path)) = (csv, &args.csv) {
+        write(writer, e).with_context(|| format!("{}: can't write", path.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Creates the table of episodes, but never over an existing file.
+fn create(path: &Path) -> anyhow::Result<csv::Writer<File>> {
+    match File::create_new(path) {
+        Ok(file) => Ok(csv::Writer::from_writer(file)),
+        Err(error) => Err(Misuse(format!(
+            "--csv {}: {error}; it must be a new file",
+            path.display()
+        ))
+        .into()),
+    }
+}
+
+fn write(mut writer: csv::Writer<File>, evaluation: &Evaluation) -> Result<(), csv::Error> {
+    writer.write_record(["episode", "return", "length", "diverged"])?;
+    for (i, e) in evaluation.episodes.iter().enumerate() {
+        writer.serialize((i, e.episode_return, e.length, e.diverged))?;
+    }
+    Ok(writer.flush()?)
+}

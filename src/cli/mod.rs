@@ -1,0 +1,100 @@
+//! The command line: one file a subcommand.
+
+mod envs;
+mod eval;
+mod progress;
+mod train;
+mod verify;
+
+use crate::config::ConfigError;
+use crate::env::{MakeError, UnknownTask};
+use crate::training::{CheckpointError, RunDirectoryError, TrainError};
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Exit code of a run that failed.
+const FAILED: u8 = 1;
+/// Exit code of wrong usage or a wrong configuration; nothing was written.
+const MISUSED: u8 = 2;
+/// Exit code of a run that was interrupted and saved a checkpoint (`EX_TEMPFAIL` of sysexits.h).
+const INTERRUPTED: u8 = 75;
+
+/// Reinforcement learning on MuJoCo: TD3, and MAMF, which also learns from imaginary transitions
+/// in a learned model.
+#[derive(Debug, Parser)]
+#[command(name = "mamf", version, about, max_term_width = 100)]
+#[command(
+    after_help = "Exit codes: 0 done; 1 failed at run time, or verification past tolerance; \
+    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train a policy: learning curves and checkpoints in a run directory
+    Train(train::Args),
+    /// Evaluate the policy of a checkpoint
+    Eval(eval::Args),
+    /// List the tasks, or show one in detail
+    Envs(envs::Args),
+    /// Replay recorded rollouts and compare every step
+    Verify(verify::Args),
+}
+
+impl Cli {
+    /// Runs the subcommand.
+    ///
+    /// # Errors
+    /// Whatever the user should read; see [`exit_code`].
+    pub fn run(self) -> anyhow::Result<ExitCode> {
+        match self.command {
+            Command::Train(args) => train::run(&args),
+            Command::Eval(args) => eval::run(&args),
+            Command::Envs(args) => envs::run(&args),
+            Command::Verify(args) => verify::run(&args),
+        }
+    }
+}
+
+/// A mistake of the user that has no type of its own.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Misuse(String);
+
+/// The exit code an error ends the process with: 2 for wrong usage or configuration, 1 otherwise.
+pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+    let misused = error.chain().any(|cause| {
+        cause.is::<ConfigError>()
+            || cause.is::<UnknownTask>()
+            || matches!(cause.downcast_ref(), Some(MakeError::Unknown(_)))
+            || cause.is::<Misuse>()
+            || cause
+                .downcast_ref::<RunDirectoryError>()
+                .is_some_and(is_misuse_of_directory)
+            || cause
+                .downcast_ref::<CheckpointError>()
+                .is_some_and(is_misuse_of_checkpoint)
+            || matches!(
+                cause.downcast_ref::<TrainError>(),
+                Some(TrainError::RunDirectory(error)) if is_misuse_of_directory(error)
+            )
+    });
+    ExitCode::from(if misused { MISUSED } else { FAILED })
+}
+
+fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
+    matches!(
+        error,
+        RunDirectoryError::Exists(_) | RunDirectoryError::NotARun(_)
+    )
+}
+
+fn is_misuse_of_checkpoint(error: &CheckpointError) -> bool {
+    matches!(
+        error,
+        CheckpointError::Missing(_) | CheckpointError::OtherTask { .. }
+    )
+}

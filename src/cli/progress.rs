@@ -1,0 +1,51 @@
+//! The progress of a training run on the terminal; nothing where there is none.
+
+use crate::config::Config;
+use crate::training::{Monitor, Status};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+
+/// A bar with steps per second, time left and the last evaluation.
+pub(super) struct Progress {
+    bar: ProgressBar,
+    shown: Option<f64>,
+}
+
+impl Progress {
+    /// A bar for the whole run, drawn on standard error when that is a terminal.
+    pub(super) fn new(config: &Config) -> Progress {
+        let target = if std::io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr_with_hz(5)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let style = ProgressStyle::with_template(
+            "{prefix} {wide_bar} {human_pos}/{human_len} steps  {per_sec}  {eta} left  {msg}",
+        )
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::with_draw_target(Some(config.steps), target).with_style(style);
+        bar.set_prefix(format!("{} {}", config.task, config.method.name()));
+        Progress { bar, shown: None }
+    }
+
+    /// Leaves the bar as it stands.
+    pub(super) fn finish(&self) {
+        self.bar.abandon();
+    }
+}
+
+impl Monitor for Progress {
+    fn step(&mut self, status: &Status) {
+        self.bar.set_position(status.step);
+        if status.return_mean != self.shown {
+            self.shown = status.return_mean;
+            if let Some(return_mean) = status.return_mean {
+                self.bar.set_message(format!("return {return_mean:.1}"));
+            }
+        }
+    }
+
+    fn note(&mut self, message: &str) {
+        self.bar.suspend(|| eprintln!("note: {message}"));
+    }
+}

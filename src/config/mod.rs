@@ -1,0 +1,14 @@
+//! Settings: TOML to checked, typed values.
+//!
+//! The way of a setting is one line: preset of the method, then the file, then `--set`, each
+//! overriding the one before; the merged table is checked key by key and only then typed.
+//! See [`Config`] for every key.
+
+mod load;
+mod method;
+mod settings;
+mod validate;
+
+pub use load::{ConfigError, Overrides, Source, read};
+pub use method::{Augmentation, Method};
+pub use settings::*;

@@ -1,0 +1,188 @@
+//! Every setting, its meaning, its unit and its published default.
+
+use super::Method;
+use crate::agent::{SmoothingSettings, Td3Settings};
+use crate::env::{Spec, VelocityReading};
+use crate::imagination::{
+    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison,
+    UncertaintyScale,
+};
+use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
+use serde::{Deserialize, Serialize};
+
+/// A whole, resolved configuration. Defaults are the paper's figures (appendix B) where the paper
+/// states one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Id of the task, for example `HalfCheetah-v4` (`mamf envs` lists them).
+    pub task: String,
+    /// Method: its preset is what the other keys override.
+    pub method: Method,
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Environment steps of the run, phase 1 included.
+    pub steps: u64,
+    /// Steps of phase 1, in which actions are uniformly random (`h` in the paper).
+    pub random_steps: u64,
+    /// Step after which the dynamics model is trained (`h0` in the paper).
+    pub model_start: u64,
+    /// Transitions in a batch.
+    pub batch_size: usize,
+    /// Discount factor.
+    pub discount: f64,
+    /// `beta` in `a = beta u + (1 - beta) p`: share of the policy's output in the executed action,
+    /// the rest being the previous executed action. 1 is plain TD3.
+    pub action_coupling: f64,
+    /// Deviation of the exploration noise, as a fraction of the action limit.
+    pub exploration_noise: f64,
+    /// Environment and gradient steps between two policy and target updates.
+    pub policy_delay: u64,
+    /// Polyak averaging rate of the target networks.
+    pub tau: f64,
+    /// Networks and their optimiser.
+    pub networks: NetworkSettings,
+    /// Smoothing of the target policy.
+    pub target_smoothing: SmoothingSettings,
+    /// Observation scaling.
+    pub scaling: ScalingSettings,
+    /// Replay buffer.
+    pub replay: Replay,
+    /// Learned dynamics model.
+    pub model: ModelSettings,
+    /// Imaginary transitions.
+    pub imagination: ImaginationSettings,
+    /// What the designer knows of the task.
+    pub rules: Rules,
+    /// Evaluation of the deterministic policy.
+    pub evaluation: Evaluation,
+    /// Checkpoints.
+    pub checkpoint: Checkpoint,
+    /// Where and with how many threads tensors are computed.
+    pub compute: Compute,
+}
+
+/// The replay buffer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Replay {
+    /// Transitions kept; the oldest are overwritten.
+    pub capacity: usize,
+}
+
+/// What the designer knows of the task.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rules {
+    /// Velocity read by the forward rewards.
+    pub velocity: VelocityReading,
+}
+
+/// Evaluation of the deterministic policy in an environment of its own.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Evaluation {
+    /// Environment steps between two evaluations.
+    pub every: u64,
+    /// Episodes of one evaluation.
+    pub episodes: usize,
+}
+
+/// Checkpoints in the run directory.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Checkpoint {
+    /// Environment steps between two saves of `checkpoints/last`.
+    pub every: u64,
+}
+
+/// Where tensors are computed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Compute {
+    /// Tensor library.
+    pub backend: Backend,
+    /// Threads; results do not depend on it.
+    pub threads: usize,
+}
+
+impl Config {
+    /// The part of the settings that the agent is built from, for actions as `spec` says.
+    pub fn td3(&self, spec: &Spec) -> Td3Settings {
+        Td3Settings {
+            networks: self.networks.clone(),
+            coupling: Coupling {
+                beta: self.action_coupling,
+                limit: spec.action_limit,
+            },
+            discount: self.discount,
+            tau: self.tau,
+            policy_delay: self.policy_delay,
+            smoothing: self.target_smoothing.clone(),
+        }
+    }
+
+    /// The preset of `method` for no task in particular: the paper's figures.
+    pub fn preset(method: Method) -> Config {
+        Config {
+            task: String::new(),
+            method,
+            seed: 0,
+            steps: 3_000_000,
+            random_steps: 25_000,
+            model_start: 5_000,
+            batch_size: 256,
+            discount: 0.98,
+            action_coupling: 0.7,
+            exploration_noise: 0.1,
+            policy_delay: 2,
+            tau: 0.005,
+            networks: NetworkSettings {
+                hidden: vec![256, 256],
+                actor_learning_rate: 3e-4,
+                critic_learning_rate: 3e-4,
+            },
+            target_smoothing: SmoothingSettings {
+                deviation: 0.2,
+                clip: 0.5,
+            },
+            scaling: ScalingSettings {
+                enabled: true,
+                every: 20,
+                clip: 5.0,
+                deviation_floor: 1e-2,
+            },
+            replay: Replay {
+                capacity: 1_000_000,
+            },
+            model: ModelSettings {
+                hidden: vec![256, 256, 256],
+                learning_rate: 1e-4,
+                predict: Predict::NextState,
+            },
+            imagination: ImaginationSettings {
+                optimism: true,
+                noise_decay: true,
+                target_filter: true,
+                uncertainty_filter: true,
+                bias_factor: 1.0 / 6.0,
+                decay_rate: 0.999_999_6,
+                target_comparison: TargetComparison::GreaterEqual,
+                uncertainty_scale: UncertaintyScale::RunningMax,
+                imaginary_loss_mean: ImaginaryLossMean::Kept,
+            },
+            rules: Rules {
+                velocity: VelocityReading::Mean,
+            },
+            evaluation: Evaluation {
+                every: 5_000,
+                episodes: 10,
+            },
+            checkpoint: Checkpoint { every: 50_000 },
+            compute: Compute {
+                backend: Backend::Flex,
+                threads: 2,
+            },
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Ranges of the settings and what must hold between them.
+
+use super::Config;
+
+/// A setting out of range: its dotted key and what would be right.
+#[derive(Debug, PartialEq)]
+pub(super) struct Violation {
+    pub key: &'static str,
+    pub expected: String,
+}
+
+/// First violated range or relation of `config`, in the order of the keys.
+pub(super) fn check(config: &Config) -> Result<(), Violation> {
+    let c = config;
+    positive("steps", c.steps)?;
+    positive("batch_size", c.batch_size as u64)?;
+    positive("policy_delay", c.policy_delay)?;
+    within("discount", c.discount, 0.0, 1.0)?;
+    above_zero("action_coupling", c.action_coupling, 1.0)?;
+    within("exploration_noise", c.exploration_noise, 0.0, 10.0)?;
+    above_zero("tau", c.tau, 1.0)?;
+    widths("networks.hidden", &c.networks.hidden)?;
+    let rate = 1.0;
+    above_zero(
+        "networks.actor_learning_rate",
+        c.networks.actor_learning_rate,
+        rate,
+    )?;
+    above_zero(
+        "networks.critic_learning_rate",
+        c.networks.critic_learning_rate,
+        rate,
+    )?;
+    within(
+        "target_smoothing.deviation",
+        c.target_smoothing.deviation,
+        0.0,
+        10.0,
+    )?;
+    within("target_smoothing.clip", c.target_smoothing.clip, 0.0, 10.0)?;
+    positive("scaling.every", c.scaling.every)?;
+    above_zero("scaling.clip", c.scaling.clip, 1e6)?;
+    above_zero("scaling.deviation_floor", c.scaling.deviation_floor, 1e6)?;
+    positive("replay.capacity", c.replay.capacity as u64)?;
+    widths("model.hidden", &c.model.hidden)?;
+    above_zero("model.learning_rate", c.model.learning_rate, rate)?;
+    within(
+        "imagination.bias_factor",
+        c.imagination.bias_factor,
+        0.0,
+        1.0,
+    )?;
+    above_zero("imagination.decay_rate", c.imagination.decay_rate, 1.0)?;
+    positive("evaluation.every", c.evaluation.every)?;
+    positive("evaluation.episodes", c.evaluation.episodes as u64)?;
+    positive("checkpoint.every", c.checkpoint.every)?;
+    if !(1..=MOST_THREADS).contains(&c.compute.threads) {
+        return violation("compute.threads", format!("from 1 to {MOST_THREADS}"));
+    }
+
+    let phase_1 = c.random_steps;
+    if c.batch_size as u64 > phase_1 {
+        return violation(
+            "batch_size",
+            format!("at most random_steps ({phase_1}), the transitions phase 1 delivers"),
+        );
+    }
+    if c.batch_size > c.replay.capacity {
+        let capacity = c.replay.capacity;
+        return violation(
+            "batch_size",
+            format!("at most replay.capacity ({capacity})"),
+        );
+    }
+    if c.method.learns_model() && c.model_start > phase_1 {
+        return violation(
+            "model_start",
+            format!("at most random_steps ({phase_1}): the model is first trained in phase 1"),
+        );
+    }
+    Ok(())
+}
+
+/// More threads than this never help: an update has two tasks side by side.
+const MOST_THREADS: usize = 64;
+
+fn violation(key: &'static str, expected: String) -> Result<(), Violation> {
+    Err(Violation { key, expected })
+}
+
+fn positive(key: &'static str, value: u64) -> Result<(), Violation> {
+    if value >= 1 {
+        return Ok(());
+    }
+    violation(key, "at least 1".into())
+}
+
+fn within(key: &'static str, value: f64, low: f64, high: f64) -> Result<(), Violation> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    violation(key, format!("from {low} to {high}"))
+}
+
+fn above_zero(key: &'static str, value: f64, high: f64) -> Result<(), Violation> {
+    if value > 0.0 && value <= high {
+        return Ok(());
+    }
+    violation(key, format!("above 0 and at most {high}"))
+}
+
+fn widths(key: &'static str, hidden: &[usize]) -> Result<(), Violation> {
+    if !hidden.is_empty() && hidden.iter().all(|w| (1..=65_536).contains(w)) {
+        return Ok(());
+    }
+    violation(key, "one or more widths, each from 1 to 65536".into())
+}

@@ -1,0 +1,178 @@
+//! The learned dynamics model.
+
+use super::{ModelSettings, Predict};
+use crate::nn::{Learner, Mlp, WeightError, Weights, matrix, rows_of, side_by_side, to_vec};
+use crate::random::Stream;
+use burn::module::Module;
+use burn::tensor::Device;
+
+/// `f(s, a)`: predicts, in scaled space, the coordinates of the next observation that the task's
+/// designer does not know (paper, equation 5).
+pub struct DynamicsModel {
+    learner: Learner<Mlp>,
+    /// A copy to predict with.
+    mlp: Mlp,
+    predict: Predict,
+    obs_size: usize,
+    action_size: usize,
+    /// Coordinates that are predicted, ascending.
+    learned: Vec<usize>,
+    device: Device,
+}
+
+/// Sizes of a task's observations and actions, and what is known of the next observation.
+#[derive(Debug, Clone, Copy)]
+pub struct DynamicsShape<'a> {
+    /// Length of an observation.
+    pub obs_size: usize,
+    /// Length of an action.
+    pub action_size: usize,
+    /// Coordinates that need no learning, ascending.
+    pub known: &'a [usize],
+}
+
+impl DynamicsShape<'_> {
+    fn learned(&self) -> Vec<usize> {
+        (0..self.obs_size)
+            .filter(|i| !self.known.contains(i))
+            .collect()
+    }
+
+    fn widths(&self, hidden: &[usize]) -> Vec<usize> {
+        [
+            &[self.obs_size + self.action_size],
+            hidden,
+            &[self.learned().len()],
+        ]
+        .concat()
+    }
+}
+
+impl DynamicsModel {
+    /// A fresh model computing on the plain `device`.
+    pub fn new(
+        settings: &ModelSettings,
+        shape: DynamicsShape<'_>,
+        rng: &mut Stream,
+        device: &Device,
+    ) -> DynamicsModel {
+        let widths = shape.widths(&settings.hidden);
+        let mlp = Mlp::new(&widths, rng, &device.clone().autodiff());
+        DynamicsModel::from_mlp(settings, shape, mlp, device)
+    }
+
+    /// A saved model, without its optimiser's moments.
+    ///
+    /// # Errors
+    /// When an array is missing or has another shape.
+    pub fn load(
+        settings: &ModelSettings,
+        shape: DynamicsShape<'_>,
+        weights: &Weights,
+        device: &Device,
+    ) -> Result<DynamicsModel, WeightError> {
+        let widths = shape.widths(&settings.hidden);
+        let mlp = Mlp::load("model", &widths, weights, &device.clone().autodiff())?;
+        Ok(DynamicsModel::from_mlp(settings, shape, mlp, device))
+    }
+
+    fn from_mlp(
+        settings: &ModelSettings,
+        shape: DynamicsShape<'_>,
+        mlp: Mlp,
+        device: &Device,
+    ) -> DynamicsModel {
+        DynamicsModel {
+            mlp: mlp.valid(),
+            learner: Learner::new(mlp, settings.learning_rate),
+            predict: settings.predict,
+            obs_size: shape.obs_size,
+            action_size: shape.action_size,
+            learned: shape.learned(),
+            device: device.clone(),
+        }
+    }
+
+    /// Adds `model.l<i>.*` to `weights`.
+    pub fn save(&self, weights: &mut Weights) {
+        self.mlp.save("model", weights);
+    }
+
+    /// One Adam step on `mean((f(s, a) - s')^2)` over rows and learned coordinates; `obs` and
+    /// `next_obs` scaled, `[n, obs_size]`, `action` `[n, action_size]`. Returns the loss before it.
+    pub fn train(&mut self, obs: &[f32], action: &[f32], next_obs: &[f32]) -> f32 {
+        let (so, sa, width) = (self.obs_size, self.action_size, self.learned.len());
+        let rows = obs.len() / so;
+        if width == 0 {
+            return 0.0;
+        }
+        let target = self.targets(obs, next_obs);
+        let device = self.device.clone().autodiff();
+        let weight = 1.0 / (rows * width) as f64;
+        let loss = self.learner.step_by_rows(rows, |mlp, range| {
+            let input = side_by_side(&[
+                (rows_of(obs, so, &range), so),
+                (rows_of(action, sa, &range), sa),
+            ]);
+            let target = rows_of(&target, width, &range).to_vec();
+            let error =
+                mlp.forward(matrix(input, so + sa, &device)) - matrix(target, width, &device);
+            (error.clone() * error).sum() * weight
+        });
+        self.mlp = self.learner.module().valid();
+        loss
+    }
+
+    /// Mean squared one-step error over rows and learned coordinates, without training.
+    pub fn error(&self, obs: &[f32], action: &[f32], next_obs: &[f32]) -> f32 {
+        let predicted = self.predict(obs, action);
+        let so = self.obs_size;
+        let (mut sum, mut count) = (0.0f64, 0usize);
+        for (p, t) in predicted.chunks_exact(so).zip(next_obs.chunks_exact(so)) {
+            for &i in &self.learned {
+                sum += f64::from(p[i] - t[i]).powi(2);
+                count += 1;
+            }
+        }
+        (sum / count.max(1) as f64) as f32
+    }
+
+    /// Predicted next observations in scaled space, `[n, obs_size]`; coordinates that are not
+    /// learned are those of `obs`, to be overwritten by what is known of them.
+    pub fn predict(&self, obs: &[f32], action: &[f32]) -> Vec<f32> {
+        let (so, sa) = (self.obs_size, self.action_size);
+        let mut next = obs.to_vec();
+        if self.learned.is_empty() {
+            return next;
+        }
+        let input = matrix(
+            side_by_side(&[(obs, so), (action, sa)]),
+            so + sa,
+            &self.device,
+        );
+        let output = to_vec(self.mlp.forward(input));
+        let width = self.learned.len();
+        for (next, output) in next.chunks_exact_mut(so).zip(output.chunks_exact(width)) {
+            for (&i, x) in self.learned.iter().zip(output) {
+                next[i] = match self.predict {
+                    Predict::NextState => *x,
+                    Predict::Delta => next[i] + x,
+                };
+            }
+        }
+        next
+    }
+
+    /// What the network should say, `[n, learned]`.
+    fn targets(&self, obs: &[f32], next_obs: &[f32]) -> Vec<f32> {
+        let so = self.obs_size;
+        let rows = obs.chunks_exact(so).zip(next_obs.chunks_exact(so));
+        rows.flat_map(|(s, next)| {
+            self.learned.iter().map(|&i| match self.predict {
+                Predict::NextState => next[i],
+                Predict::Delta => next[i] - s[i],
+            })
+        })
+        .collect()
+    }
+}

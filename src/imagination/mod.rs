@@ -1,0 +1,17 @@
+//! Learning from imaginary transitions (paper, section 4): the dynamics model, what is imagined
+//! with it, and which of that is kept. No simulator here.
+
+mod dynamics;
+mod filters;
+mod noise;
+mod settings;
+mod transitions;
+
+pub use dynamics::{DynamicsModel, DynamicsShape};
+pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
+pub use noise::NoiseBound;
+pub use settings::{
+    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison,
+    UncertaintyScale,
+};
+pub use transitions::{Imagination, Imagined};

@@ -1,0 +1,137 @@
+//! Episodes of the deterministic policy, in environments of their own.
+
+use crate::agent::Policy;
+use crate::env::{self, Env, MakeError, Spec};
+use crate::random::Stream;
+use rand::SeedableRng;
+
+/// How one episode went.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EpisodeResult {
+    /// Undiscounted sum of the rewards.
+    pub episode_return: f64,
+    /// Control steps.
+    pub length: usize,
+    /// The simulation blew up; return and length are of what came before.
+    pub diverged: bool,
+}
+
+/// Several episodes and what they say of the policy.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// The episodes, in order.
+    pub episodes: Vec<EpisodeResult>,
+}
+
+impl Evaluation {
+    /// Mean of the returns.
+    pub fn return_mean(&self) -> f64 {
+        mean(self.returns())
+    }
+
+    /// Standard deviation of the returns (of the episodes themselves: divided by their number).
+    pub fn return_std(&self) -> f64 {
+        let centre = self.return_mean();
+        mean(self.returns().map(|r| (r - centre).powi(2))).sqrt()
+    }
+
+    /// Smallest return.
+    pub fn return_min(&self) -> f64 {
+        self.returns().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Largest return.
+    pub fn return_max(&self) -> f64 {
+        self.returns().fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Mean of the episodes' lengths.
+    pub fn length_mean(&self) -> f64 {
+        mean(self.episodes.iter().map(|e| e.length as f64))
+    }
+
+    fn returns(&self) -> impl Iterator<Item = f64> + '_ {
+        self.episodes.iter().map(|e| e.episode_return)
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0u32), |(sum, n), x| (sum + x, n + 1));
+    sum / f64::from(n)
+}
+
+/// Two environments in which episodes are run side by side.
+pub struct Evaluator {
+    envs: [Box<dyn Env>; 2],
+    rng: Stream,
+}
+
+impl Evaluator {
+    /// An evaluator of policies for `task`; `rng` seeds the episodes.
+    ///
+    /// # Errors
+    /// When there is no such task or MuJoCo can't run it.
+    pub fn new(task: &str, rng: Stream) -> Result<Evaluator, MakeError> {
+        let env = || env::make(task).map(|(env, _)| env);
+        Ok(Evaluator {
+            envs: [env()?, env()?],
+            rng,
+        })
+    }
+
+    /// Sizes, ranges and limits of the task.
+    pub fn spec(&self) -> &Spec {
+        self.envs[0].spec()
+    }
+
+    /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not
+    /// depend on which environment it runs in, nor on the number of threads.
+    pub fn evaluate(&mut self, policy: &Policy, episodes: usize) -> Evaluation {
+        let streams: Vec<Stream> = (0..episodes)
+            .map(|_| Stream::from_rng(&mut self.rng))
+            .collect();
+        let run = |env: &mut Box<dyn Env>, first: usize| -> Vec<EpisodeResult> {
+            let streams = streams.iter().skip(first).step_by(2);
+            streams
+                .map(|stream| run_episode(env.as_mut(), policy, &mut stream.clone()))
+                .collect()
+        };
+        let [even, odd] = &mut self.envs;
+        let (even, odd) = rayon::join(|| run(even, 0), || run(odd, 1));
+        let mut odd = odd.into_iter();
+        Evaluation {
+            episodes: even
+                .into_iter()
+                .flat_map(|e| [Some(e), odd.next()])
+                .flatten()
+                .collect(),
+        }
+    }
+}
+
+/// One episode of the deterministic policy.
+fn run_episode(env: &mut dyn Env, policy: &Policy, rng: &mut Stream) -> EpisodeResult {
+    let (obs_size, action_size) = (env.spec().obs_size, env.spec().action_size);
+    let mut observation = vec![0.0; obs_size];
+    let mut previous = vec![0.0f32; action_size];
+    let mut result = EpisodeResult {
+        episode_return: 0.0,
+        length: 0,
+        diverged: false,
+    };
+    env.reset(rng, &mut observation);
+    loop {
+        let obs: Vec<f32> = observation.iter().map(|x| *x as f32).collect();
+        previous = policy.act(&obs, &previous);
+        let action: Vec<f64> = previous.iter().map(|a| f64::from(*a)).collect();
+        let step = env.step(&action, &mut observation);
+        result.diverged |= step.diverged;
+        if !step.diverged {
+            result.episode_return += step.reward;
+            result.length += 1;
+        }
+        if step.terminated || step.truncated {
+            return result;
+        }
+    }
+}

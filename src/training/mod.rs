@@ -1,0 +1,13 @@
+//! The only room where a simulator and an agent meet: the loop, evaluation, the run directory.
+
+mod checkpoint;
+mod curves;
+mod evaluation;
+mod provenance;
+mod run_directory;
+mod trainer;
+
+pub use checkpoint::{Checkpoint, CheckpointError};
+pub use evaluation::{EpisodeResult, Evaluation, Evaluator};
+pub use run_directory::{RunDirectory, RunDirectoryError};
+pub use trainer::{Monitor, Outcome, Status, TrainError, Trainer};

@@ -1,0 +1,520 @@
+//! The training loop (paper, Algorithm 1).
+
+use super::curves::{self, Curves, EvalRow, Interval, TimingRow};
+use super::provenance::Provenance;
+use super::{Checkpoint, CheckpointError, Evaluation, Evaluator, RunDirectory, RunDirectoryError};
+use crate::agent::{ImaginationDraws, Sample, Td3};
+use crate::config::Config;
+use crate::env::{self, Env, MakeError};
+use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
+use crate::nn::{ObservationScaling, RunningMoments};
+use crate::parallel::with_threads;
+use crate::random::{Stream, stream};
+use crate::replay::{ReplayBuffer, Transition};
+use rand::RngExt;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Where a run stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Status {
+    /// Environment steps taken.
+    pub step: u64,
+    /// Environment steps of the whole run.
+    pub steps: u64,
+    /// Mean return of the last evaluation.
+    pub return_mean: Option<f64>,
+}
+
+/// Is told how a run proceeds.
+pub trait Monitor: Send {
+    /// After every environment step.
+    fn step(&mut self, status: &Status);
+    /// Something the user should know that does not end the run.
+    fn note(&mut self, message: &str);
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// All steps were taken.
+    Finished,
+    /// It was asked to stop after this many steps, and saved a checkpoint.
+    Interrupted(u64),
+}
+
+/// Why a run ended badly.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TrainError {
+    /// A loss is not finite; the last checkpoint was left as it was.
+    #[error(
+        "step {step}: {quantity} is not finite; {}",
+        good_checkpoint(checkpoint)
+    )]
+    NotFinite {
+        /// The environment step.
+        step: u64,
+        /// What is not finite.
+        quantity: &'static str,
+        /// The last good checkpoint.
+        checkpoint: Option<PathBuf>,
+    },
+    /// The task can't be made.
+    #[error(transparent)]
+    Task(#[from] MakeError),
+    /// A file of the run directory can't be written.
+    #[error(transparent)]
+    RunDirectory(#[from] RunDirectoryError),
+    /// A checkpoint can't be saved.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// The threads can't be started.
+    #[error("can't start {threads} threads: {error}")]
+    Threads {
+        /// The number asked for.
+        threads: usize,
+        /// What the system said.
+        error: rayon::ThreadPoolBuildError,
+    },
+    /// A curve can't be written.
+    #[error("{}: can't write the learning curves: {error}", path.display())]
+    Curves {
+        /// The run directory.
+        path: PathBuf,
+        /// What went wrong.
+        error: csv::Error,
+    },
+}
+
+fn good_checkpoint(checkpoint: &Option<PathBuf>) -> String {
+    match checkpoint {
+        Some(path) => format!("the last good checkpoint is {}", path.display()),
+        None => "no checkpoint had been saved yet".to_owned(),
+    }
+}
+
+/// Everything a run is made of.
+pub struct Trainer {
+    config: Config,
+    directory: RunDirectory,
+    curves: Curves,
+    env: Box<dyn Env>,
+    agent: Td3,
+    evaluator: Evaluator,
+    replay: ReplayBuffer,
+    moments: RunningMoments,
+    scaling: ObservationScaling,
+    streams: Streams,
+    interval: Interval,
+    clock: Clock,
+    best_return: Option<f64>,
+    last_return: Option<f64>,
+    saved: Option<PathBuf>,
+}
+
+/// One stream for each use of randomness, so that none shifts another.
+struct Streams {
+    env: Stream,
+    exploration: Stream,
+    replay: Stream,
+    model_replay: Stream,
+    smoothing: Stream,
+    imagination: Stream,
+}
+
+/// Wall clock since the last row of `timing.csv`.
+struct Clock {
+    since: Instant,
+    step: u64,
+    environment: Duration,
+    update: Duration,
+}
+
+/// The running episode of the training environment.
+struct Episode {
+    obs: Vec<f32>,
+    previous_action: Vec<f32>,
+    episode_return: f64,
+    length: u64,
+}
+
+impl Trainer {
+    /// Builds a run of `config` in `directory` and writes `config.toml` and `run.json`.
+    ///
+    /// # Errors
+    /// When the task is unknown or a file can't be written.
+    pub fn new(config: Config, directory: RunDirectory) -> Result<Trainer, TrainError> {
+        let (env, rules) = env::make_with(&config.task, config.rules.velocity)?;
+        let spec = env.spec().clone();
+        let seeded = |name| stream(config.seed, name);
+        let device = config.compute.backend.device();
+
+        let imagination = if config.method.learns_model() {
+            let shape = DynamicsShape {
+                obs_size: spec.obs_size,
+                action_size: spec.action_size,
+                known: rules.known(),
+            };
+            let model =
+                DynamicsModel::new(&config.model, shape, &mut seeded("init-model"), &device);
+            Some(Imagination::new(
+                &config.imagination,
+                spec.action_limit,
+                model,
+                rules,
+            ))
+        } else {
+            None
+        };
+        let agent = Td3::new(
+            config.td3(&spec),
+            spec.obs_size,
+            spec.action_size,
+            imagination,
+            &mut seeded("init"),
+            &device,
+        );
+
+        let text = toml::to_string_pretty(&config).expect("a configuration is TOML");
+        directory.write("config.toml", &text)?;
+        let provenance =
+            serde_json::to_string_pretty(&Provenance::here()).expect("plain data is JSON");
+        directory.write("run.json", &provenance)?;
+        let curves = Curves::create(directory.path()).map_err(|error| TrainError::Curves {
+            path: directory.path().to_owned(),
+            error,
+        })?;
+
+        let capacity = config
+            .replay
+            .capacity
+            .min(usize::try_from(config.steps).unwrap_or(usize::MAX));
+        Ok(Trainer {
+            env,
+            agent,
+            evaluator: Evaluator::new(&config.task, seeded("eval-env"))?,
+            replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
+            moments: RunningMoments::new(spec.obs_size),
+            scaling: ObservationScaling::identity(spec.obs_size),
+            streams: Streams {
+                env: seeded("env"),
+                exploration: seeded("exploration"),
+                replay: seeded("replay"),
+                model_replay: seeded("model-replay"),
+                smoothing: seeded("smoothing"),
+                imagination: seeded("imagination"),
+            },
+            interval: Interval::default(),
+            clock: Clock::new(0),
+            best_return: None,
+            last_return: None,
+            saved: None,
+            config,
+            directory,
+            curves,
+        })
+    }
+
+    /// Runs to the end, or until `stop` becomes true; then a checkpoint is saved at once.
+    ///
+    /// # Errors
+    /// When a loss is not finite or a file can't be written.
+    pub fn run(
+        mut self,
+        monitor: &mut dyn Monitor,
+        stop: &AtomicBool,
+    ) -> Result<Outcome, TrainError> {
+        let threads = self.config.compute.threads;
+        with_threads(threads, move || self.train(monitor, stop))
+            .map_err(|error| TrainError::Threads { threads, error })?
+    }
+
+    fn train(
+        &mut self,
+        monitor: &mut dyn Monitor,
+        stop: &AtomicBool,
+    ) -> Result<Outcome, TrainError> {
+        let (steps, random_steps) = (self.config.steps, self.config.random_steps);
+        if steps <= random_steps {
+            monitor.note(&format!(
+                "{steps} steps end inside phase 1 ({random_steps} random steps): the policy will not be trained"
+            ));
+        }
+        let mut largest_reward = f64::NEG_INFINITY;
+        let mut policy = self.agent.policy(&self.scaling);
+        self.evaluate(0)?;
+        let mut episode = self.reset();
+        for step in 1..=steps {
+            let random = step <= random_steps;
+            let action = if random {
+                self.random_action(&episode.previous_action)
+            } else {
+                let deviation =
+                    (self.config.exploration_noise * self.env.spec().action_limit) as f32;
+                let rng = &mut self.streams.exploration;
+                policy.explore(&episode.obs, &episode.previous_action, deviation, rng)
+            };
+            let reward = self.act(&mut episode, action, step, monitor);
+            if random {
+                largest_reward = reward.map_or(largest_reward, |r| largest_reward.max(r));
+            }
+            let rescaled =
+                self.config.scaling.enabled && step.is_multiple_of(self.config.scaling.every);
+            if rescaled {
+                let scaling = &self.config.scaling;
+                self.scaling = self.moments.scaling(scaling.clip, scaling.deviation_floor);
+            }
+
+            let learned = self.learn(step)?;
+            if step == random_steps {
+                self.begin_phase_2(largest_reward);
+                episode = self.reset();
+            }
+            if learned || rescaled || step == random_steps {
+                policy = self.agent.policy(&self.scaling);
+            }
+
+            if step.is_multiple_of(self.config.evaluation.every) {
+                self.evaluate(step)?;
+            }
+            let stopped = stop.load(Ordering::Relaxed) && step < steps;
+            if stopped || step == steps || step.is_multiple_of(self.config.checkpoint.every) {
+                self.save("last", step)?;
+            }
+            monitor.step(&Status {
+                step,
+                steps,
+                return_mean: self.last_return,
+            });
+            if stopped {
+                return Ok(Outcome::Interrupted(step));
+            }
+        }
+        Ok(Outcome::Finished)
+    }
+
+    /// A uniformly random action of phase 1, coupled like any other.
+    fn random_action(&mut self, previous: &[f32]) -> Vec<f32> {
+        let coupling = self.config.td3(self.env.spec()).coupling;
+        let limit = coupling.limit as f32;
+        let rng = &mut self.streams.exploration;
+        let mut action: Vec<f32> = previous
+            .iter()
+            .map(|_| rng.random_range(-limit..=limit))
+            .collect();
+        coupling.execute_in_place(&mut action, previous);
+        action
+    }
+
+    /// Executes `action` and stores the transition; starts a new episode where one ends. Returns
+    /// the reward, none where the simulation blew up.
+    fn act(
+        &mut self,
+        episode: &mut Episode,
+        action: Vec<f32>,
+        step: u64,
+        monitor: &mut dyn Monitor,
+    ) -> Option<f64> {
+        let started = Instant::now();
+        let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
+        let mut observation = vec![0.0; episode.obs.len()];
+        let outcome = self.env.step(&command, &mut observation);
+        self.clock.environment += started.elapsed();
+
+        if outcome.diverged {
+            self.interval.diverged();
+            monitor.note(&format!(
+                "step {step}: the simulation diverged; the episode is truncated"
+            ));
+        } else {
+            let next_obs = single(&observation);
+            self.moments.add(&observation);
+            self.replay.push(Transition {
+                obs: &episode.obs,
+                action: &action,
+                reward: outcome.reward as f32,
+                next_obs: &next_obs,
+                terminated: outcome.terminated,
+                previous_action: &episode.previous_action,
+            });
+            episode.obs = next_obs;
+            episode.previous_action = action;
+            episode.episode_return += outcome.reward;
+            episode.length += 1;
+        }
+        if outcome.terminated || outcome.truncated {
+            self.interval
+                .episode(episode.episode_return, episode.length);
+            *episode = self.reset();
+        }
+        (!outcome.diverged).then_some(outcome.reward)
+    }
+
+    fn reset(&mut self) -> Episode {
+        let (obs_size, action_size) = (self.env.spec().obs_size, self.env.spec().action_size);
+        let mut observation = vec![0.0; obs_size];
+        self.env.reset(&mut self.streams.env, &mut observation);
+        self.moments.add(&observation);
+        Episode {
+            obs: single(&observation),
+            previous_action: vec![0.0; action_size],
+            episode_return: 0.0,
+            length: 0,
+        }
+    }
+
+    /// The learning of one step: the model alone in phase 1, everything in phase 2. Returns
+    /// whether the actor changed.
+    fn learn(&mut self, step: u64) -> Result<bool, TrainError> {
+        let started = Instant::now();
+        let rows = self.config.batch_size;
+        let mut changed = false;
+        let mut not_finite = None;
+        if self.replay.is_empty() {
+            // Nothing but diverged steps so far.
+        } else if step > self.config.random_steps {
+            let sample = self.draw_sample();
+            let figures = self.agent.update(&sample, &self.scaling);
+            not_finite = figures.not_finite();
+            changed = figures.actor_loss.is_some();
+            self.interval.update(&figures);
+        } else if step > self.config.model_start && self.agent.imagination().is_some() {
+            let batch = self.replay.sample(rows, &mut self.streams.model_replay);
+            if let Some(loss) = self.agent.train_model(&batch, &self.scaling) {
+                not_finite = (!loss.is_finite()).then_some("model loss");
+                self.interval.model_step(loss);
+            }
+        }
+        self.clock.update += started.elapsed();
+        match not_finite {
+            None => Ok(changed),
+            Some(quantity) => Err(TrainError::NotFinite {
+                step,
+                quantity,
+                checkpoint: self.saved.clone(),
+            }),
+        }
+    }
+
+    /// Transitions and noise of one update.
+    fn draw_sample(&mut self) -> Sample {
+        let (rows, action_size) = (self.config.batch_size, self.env.spec().action_size);
+        let (replay, streams) = (&self.replay, &mut self.streams);
+        let imagines = self.agent.imagination().is_some();
+        let (sample, imagination) = rayon::join(
+            || {
+                Sample::draw(
+                    replay.sample(rows, &mut streams.replay),
+                    action_size,
+                    &mut streams.smoothing,
+                )
+            },
+            || {
+                imagines.then(|| {
+                    let batch = replay.sample(rows, &mut streams.model_replay);
+                    ImaginationDraws::draw(batch, rows, action_size, &mut streams.imagination)
+                })
+            },
+        );
+        Sample {
+            imagination,
+            ..sample
+        }
+    }
+
+    /// Line 12 of Algorithm 1: `b = r* l c` (equation 6).
+    fn begin_phase_2(&mut self, largest_reward: f64) {
+        let settings = &self.config.imagination;
+        if self.agent.imagination().is_some() && settings.optimism && largest_reward.is_finite() {
+            let episode_limit = self.env.spec().max_episode_steps as f64;
+            let bias = largest_reward * episode_limit * settings.bias_factor;
+            self.agent.set_optimism(bias as f32);
+        }
+    }
+
+    /// Evaluates, writes a row of each curve, and saves the best policy so far.
+    fn evaluate(&mut self, step: u64) -> Result<(), TrainError> {
+        let started = Instant::now();
+        let policy = self.agent.policy(&self.scaling);
+        let evaluation = self
+            .evaluator
+            .evaluate(&policy, self.config.evaluation.episodes);
+        let newest = self.replay.newest(self.config.batch_size);
+        let model_error = if newest.rows > 0 {
+            self.agent.model_error(&newest, &self.scaling)
+        } else {
+            None
+        };
+        let evaluation_time = started.elapsed();
+
+        let path = self.directory.path().to_owned();
+        let wrong = |error| TrainError::Curves { path, error };
+        let clock = std::mem::replace(&mut self.clock, Clock::new(step));
+        let mut write = || -> Result<(), csv::Error> {
+            curves::write(&mut self.curves.eval, EvalRow::new(step, &evaluation))?;
+            if step > 0 {
+                curves::write(
+                    &mut self.curves.train,
+                    self.interval.take(step, model_error),
+                )?;
+                curves::write(&mut self.curves.timing, clock.row(step, evaluation_time))?;
+            }
+            Ok(())
+        };
+        write().map_err(wrong)?;
+        self.note_evaluation(step, &evaluation)
+    }
+
+    fn note_evaluation(&mut self, step: u64, evaluation: &Evaluation) -> Result<(), TrainError> {
+        let return_mean = evaluation.return_mean();
+        self.last_return = Some(return_mean);
+        if self.best_return.is_none_or(|best| return_mean > best) {
+            self.best_return = Some(return_mean);
+            self.save("best", step)?;
+        }
+        Ok(())
+    }
+
+    fn save(&mut self, name: &str, step: u64) -> Result<(), TrainError> {
+        let path = self.directory.checkpoint(name);
+        Checkpoint::save(
+            &path,
+            &self.config,
+            step,
+            self.last_return,
+            &self.agent,
+            &self.scaling,
+        )?;
+        self.saved = Some(path);
+        Ok(())
+    }
+}
+
+impl Clock {
+    fn new(step: u64) -> Clock {
+        Clock {
+            since: Instant::now(),
+            step,
+            environment: Duration::ZERO,
+            update: Duration::ZERO,
+        }
+    }
+
+    fn row(&self, step: u64, evaluation: Duration) -> TimingRow {
+        let seconds = self.since.elapsed().as_secs_f64();
+        TimingRow {
+            step,
+            seconds,
+            steps_per_second: (step - self.step) as f64 / seconds,
+            environment_seconds: self.environment.as_secs_f64(),
+            update_seconds: self.update.as_secs_f64(),
+            evaluation_seconds: evaluation.as_secs_f64(),
+        }
+    }
+}
+
+fn single(observation: &[f64]) -> Vec<f32> {
+    observation.iter().map(|x| *x as f32).collect()
+}
