@@ -27,20 +27,39 @@ fn updates(method: Method) -> impl FnMut() + Send {
     let mut rng = stream(0, "bench");
 
     let imagination = method.learns_model().then(|| {
-        let shape = DynamicsShape { obs_size, action_size, known: rules.known() };
+        let shape = DynamicsShape {
+            obs_size,
+            action_size,
+            known: rules.known(),
+        };
         let model = DynamicsModel::new(&config.model, shape, &mut rng, &device);
         Imagination::new(&config.imagination, spec.action_limit, model, rules)
     });
     let settings = config.td3(&spec);
-    let mut agent = Td3::new(settings, obs_size, action_size, imagination, &mut rng, &device);
+    let mut agent = Td3::new(
+        settings,
+        obs_size,
+        action_size,
+        imagination,
+        &mut rng,
+        &device,
+    );
     agent.set_optimism(50.0);
 
     let mut replay = ReplayBuffer::new(STORED, obs_size, action_size);
     let mut moments = RunningMoments::new(obs_size);
     for _ in 0..STORED {
         let mut uniform = |n| -> Vec<f32> { (0..n).map(|_| rng.random_range(-1.0..1.0)).collect() };
-        let (obs, action, previous) = (uniform(obs_size), uniform(action_size), uniform(action_size));
-        let next_obs: Vec<f32> = obs.iter().zip(uniform(obs_size)).map(|(s, e)| s + 0.1 * e).collect();
+        let (obs, action, previous) = (
+            uniform(obs_size),
+            uniform(action_size),
+            uniform(action_size),
+        );
+        let next_obs: Vec<f32> = obs
+            .iter()
+            .zip(uniform(obs_size))
+            .map(|(s, e)| s + 0.1 * e)
+            .collect();
         moments.add(&obs.iter().map(|x| f64::from(*x)).collect::<Vec<_>>());
         let reward = obs[8];
         replay.push(Transition {
@@ -58,7 +77,13 @@ fn updates(method: Method) -> impl FnMut() + Send {
     let imagines = method.learns_model();
     move || {
         let (sample, imagination) = rayon::join(
-            || Sample::draw(replay.sample(rows, &mut batch_rng), action_size, &mut batch_rng),
+            || {
+                Sample::draw(
+                    replay.sample(rows, &mut batch_rng),
+                    action_size,
+                    &mut batch_rng,
+                )
+            },
             || {
                 imagines.then(|| {
                     let batch = replay.sample(rows, &mut imagination_rng);
@@ -66,7 +91,10 @@ fn updates(method: Method) -> impl FnMut() + Send {
                 })
             },
         );
-        let sample = Sample { imagination, ..sample };
+        let sample = Sample {
+            imagination,
+            ..sample
+        };
         black_box(agent.update(&sample, &scaling));
     }
 }

@@ -16,7 +16,9 @@ pub fn with_threads<T: Send>(
     threads: usize,
     task: impl FnOnce() -> T + Send,
 ) -> Result<T, rayon::ThreadPoolBuildError> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()?;
     let done = AtomicBool::new(false);
     let (result, ()) = pool.join(
         || {
@@ -69,7 +71,9 @@ mod tests {
     #[test]
     fn any_number_of_threads_gives_the_same_result() {
         let sums = |threads| {
-            with_threads(threads, || halves(101, |range| range.map(|i| (i as f32).sqrt()).sum::<f32>()))
+            with_threads(threads, || {
+                halves(101, |range| range.map(|i| (i as f32).sqrt()).sum::<f32>())
+            })
         };
         let one = sums(1).unwrap();
         assert_eq!(one, sums(2).unwrap());

@@ -22,7 +22,9 @@ struct Case {
 
 impl Case {
     fn load(name: &str) -> Case {
-        let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/fixtures/update", name].iter().collect();
+        let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/fixtures/update", name]
+            .iter()
+            .collect();
         let bytes = std::fs::read(path.with_extension("safetensors")).unwrap();
         let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
         let text = &header.metadata().as_ref().unwrap()["settings"];
@@ -31,15 +33,21 @@ impl Case {
     }
 
     fn f(&self, key: &str) -> f64 {
-        self.settings[key].as_f64().unwrap_or_else(|| panic!("{key}"))
+        self.settings[key]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{key}"))
     }
 
     fn n(&self, key: &str) -> usize {
-        self.settings[key].as_u64().unwrap_or_else(|| panic!("{key}")) as usize
+        self.settings[key]
+            .as_u64()
+            .unwrap_or_else(|| panic!("{key}")) as usize
     }
 
     fn b(&self, key: &str) -> bool {
-        self.settings[key].as_bool().unwrap_or_else(|| panic!("{key}"))
+        self.settings[key]
+            .as_bool()
+            .unwrap_or_else(|| panic!("{key}"))
     }
 
     /// A setting whose type reads the same strings.
@@ -49,7 +57,9 @@ impl Case {
 
     fn array(&self, name: &str) -> Vec<f64> {
         let tensors = SafeTensors::deserialize(&self.bytes).unwrap();
-        let view = tensors.tensor(name).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let view = tensors
+            .tensor(name)
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
         let data = view.data();
         match view.dtype() {
             safetensors::Dtype::F32 => data
@@ -85,7 +95,10 @@ impl Case {
     fn agent(&self) -> Td3 {
         let device = Backend::Flex.device();
         let weights = self.weights();
-        let coupling = Coupling { beta: self.f("beta"), limit: self.f("a_max") };
+        let coupling = Coupling {
+            beta: self.f("beta"),
+            limit: self.f("a_max"),
+        };
         let settings = Td3Settings {
             networks: NetworkSettings {
                 hidden: self.parse("hidden"),
@@ -96,7 +109,10 @@ impl Case {
             discount: self.f("gamma"),
             tau: self.f("tau"),
             policy_delay: self.n("policy_delay") as u64,
-            smoothing: SmoothingSettings { deviation: 0.2, clip: 0.5 },
+            smoothing: SmoothingSettings {
+                deviation: 0.2,
+                clip: 0.5,
+            },
         };
         let imagination = self.b("imagination").then(|| {
             let velocity: VelocityReading = self.parse("velocity");
@@ -114,7 +130,11 @@ impl Case {
                 predict: self.parse("predict"),
             };
             let model = DynamicsModel::load(&model, shape, &weights, &device).unwrap();
-            let comparison = if self.b("strict") { "greater" } else { "greater_equal" };
+            let comparison = if self.b("strict") {
+                "greater"
+            } else {
+                "greater_equal"
+            };
             let settings = ImaginationSettings {
                 optimism: false,
                 noise_decay: self.b("noise_decay"),
@@ -130,7 +150,15 @@ impl Case {
                 .with_progress(self.f("eta"), self.f("running_max") as f32)
         });
         let (obs_size, action_size) = (self.n("observation_size"), self.n("action_size"));
-        Td3::load(settings, obs_size, action_size, imagination, &weights, &device).unwrap()
+        Td3::load(
+            settings,
+            obs_size,
+            action_size,
+            imagination,
+            &weights,
+            &device,
+        )
+        .unwrap()
     }
 
     fn sample(&self, step: usize) -> Sample {
@@ -155,7 +183,11 @@ impl Case {
             smoothing: input("noise.smoothing_imaginary"),
             keep: input("noise.keep"),
         });
-        Sample { batch, smoothing: input("noise.smoothing"), imagination }
+        Sample {
+            batch,
+            smoothing: input("noise.smoothing"),
+            imagination,
+        }
     }
 }
 
@@ -164,14 +196,28 @@ impl Case {
 #[track_caller]
 fn agree(what: &str, found: &[f32], expected: &[f64]) {
     assert_eq!(found.len(), expected.len(), "{what}");
-    let scale = expected.iter().fold(0.0f64, |m, x| m.max(x.abs())).max(1e-30);
-    let error = found.iter().zip(expected).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max);
-    assert!(error <= TOLERANCE * scale, "{what}: error {error:e} at scale {scale:e}");
+    let scale = expected
+        .iter()
+        .fold(0.0f64, |m, x| m.max(x.abs()))
+        .max(1e-30);
+    let error = found
+        .iter()
+        .zip(expected)
+        .map(|(a, b)| (f64::from(*a) - b).abs())
+        .fold(0.0, f64::max);
+    assert!(
+        error <= TOLERANCE * scale,
+        "{what}: error {error:e} at scale {scale:e}"
+    );
 }
 
 fn reproduces(name: &str) {
     let case = Case::load(name);
-    let scaling = ObservationScaling::new(case.single("in.scaling.mean"), case.single("in.scaling.deviation"), 5.0);
+    let scaling = ObservationScaling::new(
+        case.single("in.scaling.mean"),
+        case.single("in.scaling.deviation"),
+        5.0,
+    );
     let mut agent = case.agent();
     for step in 0..case.n("steps") {
         let out = |name: &str| case.array(&format!("out.{step}.{name}"));
@@ -181,18 +227,41 @@ fn reproduces(name: &str) {
         agree(&label("y"), &targets.y, &out("y"));
         if let Some(imaginary) = &targets.imaginary {
             agree(&label("eta"), &[imaginary.noise_bound as f32], &out("eta"));
-            agree(&label("model loss"), &[imaginary.model_loss], &out("model_loss"));
+            agree(
+                &label("model loss"),
+                &[imaginary.model_loss],
+                &out("model_loss"),
+            );
             agree(&label("a_hat"), &imaginary.action, &out("a_hat"));
             agree(&label("y_hat"), &imaginary.y_hat, &out("y_hat"));
             agree(&label("delta"), &imaginary.disagreement, &out("delta"));
-            let kept: Vec<usize> = out("keep_mask").iter().enumerate().filter(|(_, m)| **m == 1.0).map(|(i, _)| i).collect();
+            let kept: Vec<usize> = out("keep_mask")
+                .iter()
+                .enumerate()
+                .filter(|(_, m)| **m == 1.0)
+                .map(|(i, _)| i)
+                .collect();
             assert_eq!(imaginary.kept.rows, kept, "{}", label("kept rows"));
-            assert_eq!(imaginary.kept.by_target as f64, out("target_mask").iter().sum::<f64>());
-            assert_eq!(imaginary.kept.by_uncertainty as f64, out("uncertainty_mask").iter().sum::<f64>());
+            assert_eq!(
+                imaginary.kept.by_target as f64,
+                out("target_mask").iter().sum::<f64>()
+            );
+            assert_eq!(
+                imaginary.kept.by_uncertainty as f64,
+                out("uncertainty_mask").iter().sum::<f64>()
+            );
         }
         let figures = agent.learn(&sample.batch, &targets);
-        agree(&label("loss of critic 1"), &figures.critic_losses[..1], &out("critic1_loss"));
-        agree(&label("loss of critic 2"), &figures.critic_losses[1..], &out("critic2_loss"));
+        agree(
+            &label("loss of critic 1"),
+            &figures.critic_losses[..1],
+            &out("critic1_loss"),
+        );
+        agree(
+            &label("loss of critic 2"),
+            &figures.critic_losses[1..],
+            &out("critic2_loss"),
+        );
         assert_eq!(figures.actor_loss.is_some(), step == 1);
         if let Some(loss) = figures.actor_loss {
             agree(&label("actor loss"), &[loss], &out("actor_loss"));
@@ -202,8 +271,17 @@ fn reproduces(name: &str) {
     let last = case.n("steps") - 1;
     for network in weights.names() {
         let expected = case.array(&format!("out.{last}.{network}"));
-        let shape = SafeTensors::deserialize(&case.bytes).unwrap().tensor(&format!("in.{network}")).unwrap().shape().to_vec();
-        agree(&format!("{name}, {network}"), &weights.get(network, &shape).unwrap(), &expected);
+        let shape = SafeTensors::deserialize(&case.bytes)
+            .unwrap()
+            .tensor(&format!("in.{network}"))
+            .unwrap()
+            .shape()
+            .to_vec();
+        agree(
+            &format!("{name}, {network}"),
+            &weights.get(network, &shape).unwrap(),
+            &expected,
+        );
     }
 }
 

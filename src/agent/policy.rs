@@ -14,7 +14,11 @@ pub struct Policy {
 impl Policy {
     /// A policy of `actor` on scaled observations.
     pub fn new(actor: Mlp, scaling: ObservationScaling, coupling: Coupling) -> Policy {
-        Policy { actor, scaling, coupling }
+        Policy {
+            actor,
+            scaling,
+            coupling,
+        }
     }
 
     /// The deterministic executed action in `obs` (as observed) after `previous`, the action
@@ -26,7 +30,13 @@ impl Policy {
     }
 
     /// As [`act`](Policy::act), with normal noise of the given `deviation` on the policy's output.
-    pub fn explore(&self, obs: &[f32], previous: &[f32], deviation: f32, rng: &mut Stream) -> Vec<f32> {
+    pub fn explore(
+        &self,
+        obs: &[f32],
+        previous: &[f32],
+        deviation: f32,
+        rng: &mut Stream,
+    ) -> Vec<f32> {
         let mut noise = vec![0.0; previous.len()];
         fill_normal(rng, &mut noise);
         let mut action = self.output(obs, previous);
@@ -40,7 +50,9 @@ impl Policy {
     /// The policy's output `u`.
     fn output(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {
         let scaled = self.scaling.scale(obs);
-        let observed = self.coupling.observe(&scaled, previous, obs.len(), previous.len());
+        let observed = self
+            .coupling
+            .observe(&scaled, previous, obs.len(), previous.len());
         let mut output = self.actor.forward(&observed);
         self.coupling.output_in_place(&mut output);
         output

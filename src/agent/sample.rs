@@ -30,7 +30,12 @@ pub struct ImaginationDraws {
 
 impl ImaginationDraws {
     /// Draws the noise for `rows` rows.
-    pub fn draw(model_batch: Batch, rows: usize, action_size: usize, rng: &mut Stream) -> ImaginationDraws {
+    pub fn draw(
+        model_batch: Batch,
+        rows: usize,
+        action_size: usize,
+        rng: &mut Stream,
+    ) -> ImaginationDraws {
         ImaginationDraws {
             model_batch,
             action: standard_normal(rows * action_size, rng),

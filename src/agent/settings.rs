@@ -40,6 +40,11 @@ impl Td3Settings {
     /// Widths of a critic's layers, input first.
     pub fn critic_widths(&self, obs_size: usize, action_size: usize) -> Vec<usize> {
         let observed = self.coupling.observed_width(obs_size, action_size);
-        [&[observed + action_size], self.networks.hidden.as_slice(), &[1]].concat()
+        [
+            &[observed + action_size],
+            self.networks.hidden.as_slice(),
+            &[1],
+        ]
+        .concat()
     }
 }

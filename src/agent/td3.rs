@@ -134,7 +134,14 @@ impl Td3 {
             actor,
             critics,
         };
-        Td3::from_networks(settings, obs_size, action_size, imagination, networks, device)
+        Td3::from_networks(
+            settings,
+            obs_size,
+            action_size,
+            imagination,
+            networks,
+            device,
+        )
     }
 
     /// An agent with saved networks, without its optimisers' moments.
@@ -158,7 +165,14 @@ impl Td3 {
             target_actor: Mlp::load("target_actor", &actor_widths, weights)?,
             target_critics: [critic("target_critic1")?, critic("target_critic2")?],
         };
-        Ok(Td3::from_networks(settings, obs_size, action_size, imagination, networks, device))
+        Ok(Td3::from_networks(
+            settings,
+            obs_size,
+            action_size,
+            imagination,
+            networks,
+            device,
+        ))
     }
 
     fn from_networks(
@@ -169,14 +183,18 @@ impl Td3 {
         networks: Networks,
         device: &Device,
     ) -> Td3 {
-        let (actor_rate, critic_rate) =
-            (settings.networks.actor_learning_rate, settings.networks.critic_learning_rate);
+        let (actor_rate, critic_rate) = (
+            settings.networks.actor_learning_rate,
+            settings.networks.critic_learning_rate,
+        );
         Td3 {
             settings,
             obs_size,
             action_size,
             actor: Learner::new(networks.actor, actor_rate, device),
-            critics: networks.critics.map(|critic| Learner::new(critic, critic_rate, device)),
+            critics: networks
+                .critics
+                .map(|critic| Learner::new(critic, critic_rate, device)),
             target_actor: networks.target_actor,
             target_critics: networks.target_critics,
             imagination,
@@ -203,7 +221,11 @@ impl Td3 {
 
     /// The current policy under `scaling`.
     pub fn policy(&self, scaling: &ObservationScaling) -> Policy {
-        Policy::new(self.actor.mlp().clone(), scaling.clone(), self.settings.coupling)
+        Policy::new(
+            self.actor.mlp().clone(),
+            scaling.clone(),
+            self.settings.coupling,
+        )
     }
 
     /// The imagination, for agents that have one.
@@ -214,14 +236,22 @@ impl Td3 {
     /// Optimistic start: `bias` becomes the output bias of both critics and their targets
     /// (equation 6). To be used once, before the first update.
     pub fn set_optimism(&mut self, bias: f32) {
-        self.critics.iter_mut().for_each(|critic| critic.set_output_bias(bias));
-        self.target_critics.iter_mut().for_each(|target| target.set_output_bias(bias));
+        self.critics
+            .iter_mut()
+            .for_each(|critic| critic.set_output_bias(bias));
+        self.target_critics
+            .iter_mut()
+            .for_each(|target| target.set_output_bias(bias));
     }
 
     /// One step of the dynamics model alone (phase 1). Returns its loss; none without a model.
     pub fn train_model(&mut self, batch: &Batch, scaling: &ObservationScaling) -> Option<f32> {
         let model = &mut self.imagination.as_mut()?.model;
-        Some(model.train(&scaling.scale(&batch.obs), &batch.action, &scaling.scale(&batch.next_obs)))
+        Some(model.train(
+            &scaling.scale(&batch.obs),
+            &batch.action,
+            &scaling.scale(&batch.next_obs),
+        ))
     }
 
     /// Root mean square one-step error of the dynamics model on `batch`, in scaled space.
@@ -262,15 +292,25 @@ impl Td3 {
             _ => None,
         };
         self.imagination = imagination;
-        Targets { observed, y, imaginary }
+        Targets {
+            observed,
+            y,
+            imaginary,
+        }
     }
 
     /// `y = r + gamma (1 - d) min(Q1', Q2')(s', a')` (equation 4).
-    fn real_targets(&self, batch: &Batch, smoothing: &[f32], scaling: &ObservationScaling) -> Vec<f32> {
+    fn real_targets(
+        &self,
+        batch: &Batch,
+        smoothing: &[f32],
+        scaling: &ObservationScaling,
+    ) -> Vec<f32> {
         let [first, second] = halves(batch.rows, |range| {
             let next = scaling.scale(rows_of(&batch.next_obs, self.obs_size, &range));
             let action = rows_of(&batch.action, self.action_size, &range);
-            let bootstrap = self.bootstrap(&next, action, rows_of(smoothing, self.action_size, &range));
+            let bootstrap =
+                self.bootstrap(&next, action, rows_of(smoothing, self.action_size, &range));
             let (reward, terminated) = (&batch.reward[range.clone()], &batch.terminated[range]);
             self.backup(reward, terminated, &bootstrap.value)
         });
@@ -289,7 +329,10 @@ impl Td3 {
         scaling: &ObservationScaling,
     ) -> ImaginaryTargets {
         let batch = &sample.batch;
-        let draws = sample.imagination.as_ref().expect("an agent that imagines is given draws");
+        let draws = sample
+            .imagination
+            .as_ref()
+            .expect("an agent that imagines is given draws");
         let noise_bound = imagination.noise_bound();
         let (so, sa, width) = (self.obs_size, self.action_size, observed.len() / batch.rows);
         let coupling = self.settings.coupling;
@@ -304,7 +347,8 @@ impl Td3 {
             }
             let previous = rows(&batch.previous_action, sa);
             coupling.execute_in_place(&mut action, previous);
-            let imagined = imagination.imagine(rows(&batch.obs, so), rows(obs, so), &action, scaling);
+            let imagined =
+                imagination.imagine(rows(&batch.obs, so), rows(obs, so), &action, scaling);
             let bootstrap = self.bootstrap(&imagined.next_obs, &action, rows(&draws.smoothing, sa));
             let y_hat = self.backup(&imagined.reward, &imagined.terminated, &bootstrap.value);
             (action, y_hat, bootstrap.disagreement)
@@ -343,7 +387,10 @@ impl Td3 {
         coupling.execute_in_place(&mut next_action, action);
 
         let input = side_by_side(&[(&observed, width), (&next_action, self.action_size)]);
-        let [q1, q2] = self.target_critics.each_ref().map(|critic| critic.forward(&input));
+        let [q1, q2] = self
+            .target_critics
+            .each_ref()
+            .map(|critic| critic.forward(&input));
         let pairs = || q1.iter().zip(&q2);
         Bootstrap {
             value: pairs().map(|(a, b)| a.min(*b)).collect(),
@@ -355,7 +402,8 @@ impl Td3 {
     fn backup(&self, reward: &[f32], terminated: &[f32], value: &[f32]) -> Vec<f32> {
         let discount = self.settings.discount as f32;
         let rows = reward.iter().zip(terminated).zip(value);
-        rows.map(|((r, d), v)| r + discount * (1.0 - d) * v).collect()
+        rows.map(|((r, d), v)| r + discount * (1.0 - d) * v)
+            .collect()
     }
 
     /// Steps of the critics (equation 10) and, when due, of actor and targets (lines 22 to 26).
@@ -444,6 +492,8 @@ impl Td3 {
     }
 
     fn observe(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {
-        self.settings.coupling.observe(obs, previous, self.obs_size, self.action_size)
+        self.settings
+            .coupling
+            .observe(obs, previous, self.obs_size, self.action_size)
     }
 }

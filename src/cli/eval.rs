@@ -44,7 +44,11 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
 
     let e = &evaluation;
-    println!("{task}, {} after {} steps", checkpoint.config.method.name(), checkpoint.step);
+    println!(
+        "{task}, {} after {} steps",
+        checkpoint.config.method.name(),
+        checkpoint.step
+    );
     println!("episodes  {}", e.episodes.len());
     println!("return    {:.2} +- {:.2}", e.return_mean(), e.return_std());
     println!("range     {:.2} to {:.2}", e.return_min(), e.return_max());
@@ -63,9 +67,11 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
 fn create(path: &Path) -> anyhow::Result<csv::Writer<File>> {
     match File::create_new(path) {
         Ok(file) => Ok(csv::Writer::from_writer(file)),
-        Err(error) => {
-            Err(Misuse(format!("--csv {}: {error}; it must be a new file", path.display())).into())
-        }
+        Err(error) => Err(Misuse(format!(
+            "--csv {}: {error}; it must be a new file",
+            path.display()
+        ))
+        .into()),
     }
 }
 

@@ -23,8 +23,10 @@ const INTERRUPTED: u8 = 75;
 /// in a learned model.
 #[derive(Debug, Parser)]
 #[command(name = "mamf", version, about, max_term_width = 100)]
-#[command(after_help = "Exit codes: 0 done; 1 failed at run time, or verification past tolerance; \
-    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved.")]
+#[command(
+    after_help = "Exit codes: 0 done; 1 failed at run time, or verification past tolerance; \
+    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved."
+)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -69,8 +71,12 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.is::<UnknownTask>()
             || matches!(cause.downcast_ref(), Some(MakeError::Unknown(_)))
             || cause.is::<Misuse>()
-            || cause.downcast_ref::<RunDirectoryError>().is_some_and(is_misuse_of_directory)
-            || cause.downcast_ref::<CheckpointError>().is_some_and(is_misuse_of_checkpoint)
+            || cause
+                .downcast_ref::<RunDirectoryError>()
+                .is_some_and(is_misuse_of_directory)
+            || cause
+                .downcast_ref::<CheckpointError>()
+                .is_some_and(is_misuse_of_checkpoint)
             || matches!(
                 cause.downcast_ref::<TrainError>(),
                 Some(TrainError::RunDirectory(error)) if is_misuse_of_directory(error)
@@ -80,9 +86,15 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
 }
 
 fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
-    matches!(error, RunDirectoryError::Exists(_) | RunDirectoryError::NotARun(_))
+    matches!(
+        error,
+        RunDirectoryError::Exists(_) | RunDirectoryError::NotARun(_)
+    )
 }
 
 fn is_misuse_of_checkpoint(error: &CheckpointError) -> bool {
-    matches!(error, CheckpointError::Missing(_) | CheckpointError::OtherTask { .. })
+    matches!(
+        error,
+        CheckpointError::Missing(_) | CheckpointError::OtherTask { .. }
+    )
 }

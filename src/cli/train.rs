@@ -54,7 +54,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     }
     let config = config::read(&args.config, &overrides)?;
-    let path = args.out.clone().unwrap_or_else(|| RunDirectory::default_path(&config));
+    let path = args
+        .out
+        .clone()
+        .unwrap_or_else(|| RunDirectory::default_path(&config));
     let directory = RunDirectory::create(&path, args.force)?;
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -74,7 +77,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Outcome::Interrupted(step) => {
             let checkpoint = path.join("checkpoints").join("last");
-            eprintln!("interrupted after step {step}; saved {}", checkpoint.display());
+            eprintln!(
+                "interrupted after step {step}; saved {}",
+                checkpoint.display()
+            );
             Ok(ExitCode::from(INTERRUPTED))
         }
     }

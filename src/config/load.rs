@@ -112,7 +112,13 @@ impl Overrides {
         }
         let value = toml::from_str::<Table>(&format!("value = {text}"))
             .ok()
-            .and_then(|mut table| if table.len() == 1 { table.remove("value") } else { None })
+            .and_then(|mut table| {
+                if table.len() == 1 {
+                    table.remove("value")
+                } else {
+                    None
+                }
+            })
             .unwrap_or_else(|| Value::String(text.to_owned()));
         self.push(format!("--set {argument}"), key, value);
         Ok(())
@@ -120,7 +126,8 @@ impl Overrides {
 
     /// Adds the value of an option of its own, such as `--seed`.
     pub fn push(&mut self, option: String, key: &str, value: impl Into<Value>) {
-        self.0.push((Source::Option(option), key.to_owned(), value.into()));
+        self.0
+            .push((Source::Option(option), key.to_owned(), value.into()));
     }
 }
 
@@ -206,7 +213,10 @@ impl Given {
 
         let wrong = |key: &str, expected: String| {
             let (origin, value) = self.0.get(key).cloned().unwrap_or_else(|| {
-                (Source::Preset(method), defaults.get(key).cloned().unwrap_or(Value::Boolean(false)))
+                (
+                    Source::Preset(method),
+                    defaults.get(key).cloned().unwrap_or(Value::Boolean(false)),
+                )
             });
             ConfigError::WrongValue {
                 origin,
@@ -215,11 +225,12 @@ impl Given {
                 expected,
             }
         };
-        let config: Config = serde_path_to_error::deserialize(Value::Table(merged)).map_err(|e| {
-            let path = e.path().to_string();
-            let key = path.split('[').next().unwrap_or(&path).to_owned();
-            wrong(&key, expectation(e.inner()))
-        })?;
+        let config: Config =
+            serde_path_to_error::deserialize(Value::Table(merged)).map_err(|e| {
+                let path = e.path().to_string();
+                let key = path.split('[').next().unwrap_or(&path).to_owned();
+                wrong(&key, expectation(e.inner()))
+            })?;
         if config.task.is_empty() {
             return Err(ConfigError::Missing {
                 origin: file,
@@ -228,8 +239,13 @@ impl Given {
             });
         }
         env::info(&config.task).map_err(|unknown| {
-            let hint = unknown.nearest.map_or(String::new(), |id| format!("; did you mean {id:?}?"));
-            wrong("task", format!("the id of a task (`mamf envs` lists them){hint}"))
+            let hint = unknown
+                .nearest
+                .map_or(String::new(), |id| format!("; did you mean {id:?}?"));
+            wrong(
+                "task",
+                format!("the id of a task (`mamf envs` lists them){hint}"),
+            )
         })?;
         validate::check(&config).map_err(|v| wrong(v.key, v.expected))?;
         Ok(config)
@@ -377,9 +393,15 @@ mod tests {
     #[test]
     fn unknown_keys_name_the_nearest_one() {
         let m = message("task = \"Hopper-v4\"\nbatchsize = 3", &[]);
-        assert!(m.contains("c.toml") && m.contains("`batchsize`") && m.contains("`batch_size`"), "{m}");
+        assert!(
+            m.contains("c.toml") && m.contains("`batchsize`") && m.contains("`batch_size`"),
+            "{m}"
+        );
         let m = message("task = \"Hopper-v4\"", &["target_filter=false"]);
-        assert!(m.contains("--set target_filter") && m.contains("`imagination.target_filter`"), "{m}");
+        assert!(
+            m.contains("--set target_filter") && m.contains("`imagination.target_filter`"),
+            "{m}"
+        );
     }
 
     #[test]
@@ -390,14 +412,26 @@ mod tests {
             ("steps=0", ["`steps`", "0", "at least 1"]),
             ("discount=1.5", ["`discount`", "1.5", "from 0 to 1"]),
             ("discount=nan", ["`discount`", "nan", "from 0 to 1"]),
-            ("imagination.decay_rate=1.1", ["`imagination.decay_rate`", "1.1", "at most 1"]),
+            (
+                "imagination.decay_rate=1.1",
+                ["`imagination.decay_rate`", "1.1", "at most 1"],
+            ),
             ("batch_size=0", ["`batch_size`", "0", "at least 1"]),
-            ("batch_size=30000", ["`batch_size`", "30000", "random_steps (25000)"]),
+            (
+                "batch_size=30000",
+                ["`batch_size`", "30000", "random_steps (25000)"],
+            ),
             ("batch_size=big", ["`batch_size`", "big", "whole number"]),
             ("method=ppo", ["`method`", "ppo", "`mamf`"]),
             ("model.predict=all", ["`model.predict`", "all", "`delta`"]),
-            ("networks.hidden=[256, \"a\"]", ["`networks.hidden`", "\"a\"", "usize"]),
-            ("networks.hidden=[]", ["`networks.hidden`", "[]", "one or more widths"]),
+            (
+                "networks.hidden=[256, \"a\"]",
+                ["`networks.hidden`", "\"a\"", "usize"],
+            ),
+            (
+                "networks.hidden=[]",
+                ["`networks.hidden`", "[]", "one or more widths"],
+            ),
             ("imagination=3", ["`imagination`", "3", "[imagination]"]),
         ] {
             let m = message(task, &[set]);

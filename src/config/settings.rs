@@ -4,7 +4,8 @@ use super::Method;
 use crate::agent::{SmoothingSettings, Td3Settings};
 use crate::env::{Spec, VelocityReading};
 use crate::imagination::{
-    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison, UncertaintyScale,
+    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison,
+    UncertaintyScale,
 };
 use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
 use serde::{Deserialize, Serialize};

@@ -21,9 +21,22 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     above_zero("tau", c.tau, 1.0)?;
     widths("networks.hidden", &c.networks.hidden)?;
     let rate = 1.0;
-    above_zero("networks.actor_learning_rate", c.networks.actor_learning_rate, rate)?;
-    above_zero("networks.critic_learning_rate", c.networks.critic_learning_rate, rate)?;
-    within("target_smoothing.deviation", c.target_smoothing.deviation, 0.0, 10.0)?;
+    above_zero(
+        "networks.actor_learning_rate",
+        c.networks.actor_learning_rate,
+        rate,
+    )?;
+    above_zero(
+        "networks.critic_learning_rate",
+        c.networks.critic_learning_rate,
+        rate,
+    )?;
+    within(
+        "target_smoothing.deviation",
+        c.target_smoothing.deviation,
+        0.0,
+        10.0,
+    )?;
     within("target_smoothing.clip", c.target_smoothing.clip, 0.0, 10.0)?;
     positive("scaling.every", c.scaling.every)?;
     above_zero("scaling.clip", c.scaling.clip, 1e6)?;
@@ -31,7 +44,12 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     positive("replay.capacity", c.replay.capacity as u64)?;
     widths("model.hidden", &c.model.hidden)?;
     above_zero("model.learning_rate", c.model.learning_rate, rate)?;
-    within("imagination.bias_factor", c.imagination.bias_factor, 0.0, 1.0)?;
+    within(
+        "imagination.bias_factor",
+        c.imagination.bias_factor,
+        0.0,
+        1.0,
+    )?;
     above_zero("imagination.decay_rate", c.imagination.decay_rate, 1.0)?;
     positive("evaluation.every", c.evaluation.every)?;
     positive("evaluation.episodes", c.evaluation.episodes as u64)?;
@@ -49,7 +67,10 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     }
     if c.batch_size > c.replay.capacity {
         let capacity = c.replay.capacity;
-        return violation("batch_size", format!("at most replay.capacity ({capacity})"));
+        return violation(
+            "batch_size",
+            format!("at most replay.capacity ({capacity})"),
+        );
     }
     if c.method.learns_model() && c.model_start > phase_1 {
         return violation(

@@ -12,7 +12,9 @@ mod task;
 
 use serde::{Deserialize, Serialize};
 
-pub use registry::{MakeError, UnknownTask, ids, info, make, make_replay, make_with, rules};
+pub use registry::{
+    Made, MakeError, UnknownTask, ids, info, make, make_replay, make_with, model, rules,
+};
 pub use rules::{Rules, VelocityReading};
 pub use task::{Block, Info, Velocity};
 

@@ -63,6 +63,9 @@ pub enum MakeError {
     Physics(#[from] mujoco_rs::Error),
 }
 
+/// A task and what its designer knows of it.
+pub type Made = (Box<dyn Env>, Arc<dyn Rules>);
+
 /// Ids of all tasks.
 pub fn ids() -> impl Iterator<Item = &'static str> {
     ENTRIES.iter().map(|entry| entry.info.id)
@@ -80,7 +83,7 @@ pub fn info(id: &str) -> Result<&'static Info, UnknownTask> {
 ///
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
-pub fn make(id: &str) -> Result<(Box<dyn Env>, Arc<dyn Rules>), MakeError> {
+pub fn make(id: &str) -> Result<Made, MakeError> {
     make_with(id, VelocityReading::default())
 }
 
@@ -88,10 +91,7 @@ pub fn make(id: &str) -> Result<(Box<dyn Env>, Arc<dyn Rules>), MakeError> {
 ///
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
-pub fn make_with(
-    id: &str,
-    reading: VelocityReading,
-) -> Result<(Box<dyn Env>, Arc<dyn Rules>), MakeError> {
+pub fn make_with(id: &str, reading: VelocityReading) -> Result<Made, MakeError> {
     Ok((make_replay(id)?, rules(id, reading)?))
 }
 
@@ -101,7 +101,7 @@ pub fn make_with(
 /// If there is no such task or MuJoCo cannot run it.
 pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
     let entry = find(id)?;
-    Ok((entry.simulation)(scene::model(entry.info.scene)?)?)
+    Ok((entry.simulation)(model(id)?)?)
 }
 
 /// The rules of the task `id`.
@@ -110,7 +110,15 @@ pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
 /// If there is no such task or MuJoCo cannot load its model.
 pub fn rules(id: &str, reading: VelocityReading) -> Result<Arc<dyn Rules>, MakeError> {
     let entry = find(id)?;
-    Ok((entry.rules)(&*scene::model(entry.info.scene)?, reading)?)
+    Ok((entry.rules)(&*model(id)?, reading)?)
+}
+
+/// The compiled model of the task `id`, shared by all its simulations.
+///
+/// # Errors
+/// If there is no such task or MuJoCo cannot load its model.
+pub fn model(id: &str) -> Result<Arc<Model>, MakeError> {
+    Ok(scene::model(find(id)?.info.scene)?)
 }
 
 fn find(id: &str) -> Result<&'static Entry, UnknownTask> {
@@ -140,4 +148,29 @@ fn nearest(id: &str) -> Option<&'static str> {
         .filter(|(likeness, _)| *likeness >= RESEMBLES)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, known)| known)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_misspelt_id_is_answered_with_the_nearest() {
+        let nearest = |id| info(id).unwrap_err().nearest;
+        assert_eq!(nearest("HalfCheeta-v4"), Some("HalfCheetah-v4"));
+        assert_eq!(nearest("halfcheetah"), Some("HalfCheetah-v4"));
+        assert_eq!(nearest("Hopper-v3"), Some("Hopper-v4"));
+        assert_eq!(nearest("Chess-v0"), None);
+        let message = info("Reachr-v4").unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "there is no task `Reachr-v4`; did you mean `Reacher-v4`?"
+        );
+    }
+
+    #[test]
+    fn simulations_of_a_task_share_its_model() {
+        let first = model("Ant-v4").unwrap();
+        assert!(Arc::ptr_eq(&first, &model("Ant-v4").unwrap()));
+    }
 }

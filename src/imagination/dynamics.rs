@@ -29,11 +29,18 @@ pub struct DynamicsShape<'a> {
 
 impl DynamicsShape<'_> {
     fn learned(&self) -> Vec<usize> {
-        (0..self.obs_size).filter(|i| !self.known.contains(i)).collect()
+        (0..self.obs_size)
+            .filter(|i| !self.known.contains(i))
+            .collect()
     }
 
     fn widths(&self, hidden: &[usize]) -> Vec<usize> {
-        [&[self.obs_size + self.action_size], hidden, &[self.learned().len()]].concat()
+        [
+            &[self.obs_size + self.action_size],
+            hidden,
+            &[self.learned().len()],
+        ]
+        .concat()
     }
 }
 
@@ -97,9 +104,13 @@ impl DynamicsModel {
         let device = self.learner.device().clone();
         let weight = 1.0 / (rows * width) as f64;
         self.learner.step_by_rows(rows, |mlp, range| {
-            let input = side_by_side(&[(rows_of(obs, so, &range), so), (rows_of(action, sa, &range), sa)]);
+            let input = side_by_side(&[
+                (rows_of(obs, so, &range), so),
+                (rows_of(action, sa, &range), sa),
+            ]);
             let target = rows_of(&target, width, &range).to_vec();
-            let error = mlp.forward(matrix(input, so + sa, &device)) - matrix(target, width, &device);
+            let error =
+                mlp.forward(matrix(input, so + sa, &device)) - matrix(target, width, &device);
             (error.clone() * error).sum() * weight
         })
     }
@@ -126,7 +137,10 @@ impl DynamicsModel {
         if self.learned.is_empty() {
             return next;
         }
-        let output = self.learner.mlp().forward(&side_by_side(&[(obs, so), (action, sa)]));
+        let output = self
+            .learner
+            .mlp()
+            .forward(&side_by_side(&[(obs, so), (action, sa)]));
         let width = self.learned.len();
         for (next, output) in next.chunks_exact_mut(so).zip(output.chunks_exact(width)) {
             for (&i, x) in self.learned.iter().zip(output) {

@@ -27,12 +27,18 @@ pub struct UncertaintyFilter {
 impl UncertaintyFilter {
     /// Nothing seen yet.
     pub fn new(scale: UncertaintyScale) -> UncertaintyFilter {
-        UncertaintyFilter { scale, running_max: 0.0 }
+        UncertaintyFilter {
+            scale,
+            running_max: 0.0,
+        }
     }
 
     /// The same with `running_max` as the largest disagreement seen so far.
     pub fn at(self, running_max: f32) -> UncertaintyFilter {
-        UncertaintyFilter { running_max, ..self }
+        UncertaintyFilter {
+            running_max,
+            ..self
+        }
     }
 
     /// Largest disagreement since phase 2 began.
@@ -78,7 +84,8 @@ pub fn keep(
     let mut kept = Kept::default();
     for row in 0..y_hat.len() {
         let by_target = target.is_none_or(|filter| filter.passes(y_hat[row], y[row]));
-        let by_uncertainty = max.is_none_or(|max| max > 0.0 && uniform[row] < disagreement[row] / max);
+        let by_uncertainty =
+            max.is_none_or(|max| max > 0.0 && uniform[row] < disagreement[row] / max);
         kept.by_target += usize::from(by_target);
         kept.by_uncertainty += usize::from(by_uncertainty);
         if by_target && by_uncertainty {
@@ -97,8 +104,19 @@ mod tests {
     const DELTA: [f32; 4] = [4.0, 4.0, 1.0, 0.0];
     const U: [f32; 4] = [0.9, 0.9, 0.2, 0.0];
 
-    fn rows(target: Option<TargetComparison>, uncertainty: Option<&mut UncertaintyFilter>) -> Vec<usize> {
-        keep(target.map(TargetFilter), uncertainty, &Y_HAT, &Y, &DELTA, &U).rows
+    fn rows(
+        target: Option<TargetComparison>,
+        uncertainty: Option<&mut UncertaintyFilter>,
+    ) -> Vec<usize> {
+        keep(
+            target.map(TargetFilter),
+            uncertainty,
+            &Y_HAT,
+            &Y,
+            &DELTA,
+            &U,
+        )
+        .rows
     }
 
     #[test]
@@ -108,13 +126,19 @@ mod tests {
         assert_eq!(rows(Some(TargetComparison::GreaterEqual), None), [1, 2, 3]);
         assert_eq!(rows(Some(TargetComparison::Greater), None), [2, 3]);
         assert_eq!(rows(None, Some(&mut by_batch)), [0, 1, 2]);
-        assert_eq!(rows(Some(TargetComparison::Greater), Some(&mut by_batch)), [2]);
+        assert_eq!(
+            rows(Some(TargetComparison::Greater), Some(&mut by_batch)),
+            [2]
+        );
     }
 
     #[test]
     fn the_running_maximum_remembers_and_the_batch_maximum_does_not() {
         let mut running = UncertaintyFilter::new(UncertaintyScale::RunningMax).at(16.0);
-        assert!(rows(None, Some(&mut running)).is_empty(), "4 / 16 is below each draw");
+        assert!(
+            rows(None, Some(&mut running)).is_empty(),
+            "4 / 16 is below each draw"
+        );
         assert_eq!(running.running_max(), 16.0);
         let mut batch = UncertaintyFilter::new(UncertaintyScale::BatchMax).at(16.0);
         assert_eq!(rows(None, Some(&mut batch)), [0, 1, 2]);

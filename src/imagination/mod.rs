@@ -11,6 +11,7 @@ pub use dynamics::{DynamicsModel, DynamicsShape};
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
 pub use noise::NoiseBound;
 pub use settings::{
-    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison, UncertaintyScale,
+    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison,
+    UncertaintyScale,
 };
 pub use transitions::{Imagination, Imagined};

@@ -38,7 +38,11 @@ impl Imagination {
         model: DynamicsModel,
         rules: Arc<dyn Rules>,
     ) -> Imagination {
-        let rate = if settings.noise_decay { settings.decay_rate } else { 1.0 };
+        let rate = if settings.noise_decay {
+            settings.decay_rate
+        } else {
+            1.0
+        };
         Imagination {
             model,
             rules,
@@ -74,7 +78,8 @@ impl Imagination {
 
     /// Largest disagreement of the target critics since phase 2 began; 0 without that filter.
     pub fn running_max(&self) -> f32 {
-        self.uncertainty_filter.map_or(0.0, |filter| filter.running_max())
+        self.uncertainty_filter
+            .map_or(0.0, |filter| filter.running_max())
     }
 
     /// Where `action` (executed, `[n, action_size]`) leads from `obs` (as observed) alias
@@ -104,7 +109,13 @@ impl Imagination {
     }
 
     /// Which rows train the critics; see [`keep`].
-    pub fn filter(&mut self, y_hat: &[f32], y: &[f32], disagreement: &[f32], uniform: &[f32]) -> Kept {
+    pub fn filter(
+        &mut self,
+        y_hat: &[f32],
+        y: &[f32],
+        disagreement: &[f32],
+        uniform: &[f32],
+    ) -> Kept {
         keep(
             self.target_filter,
             self.uncertainty_filter.as_mut(),

@@ -58,7 +58,8 @@ impl Adam {
     ) -> TrainableMlp {
         self.steps += 1;
         let correction = |beta: f32| 1.0 - f64::from(beta).powi(self.steps);
-        self.moments.resize_with(copy.parameters().count(), Moments::default);
+        self.moments
+            .resize_with(copy.parameters().count(), Moments::default);
         let mut mapper = Mapper {
             step_size: (f64::from(self.learning_rate) / correction(BETA_1)) as f32,
             second_scale: (1.0 / correction(BETA_2).sqrt()) as f32,

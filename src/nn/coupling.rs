@@ -21,7 +21,13 @@ impl Coupling {
     }
 
     /// What actor and critics see beside the action, row by row: `s`, or `s` and `p` side by side.
-    pub fn observe(self, obs: &[f32], previous: &[f32], obs_size: usize, action_size: usize) -> Vec<f32> {
+    pub fn observe(
+        self,
+        obs: &[f32],
+        previous: &[f32],
+        obs_size: usize,
+        action_size: usize,
+    ) -> Vec<f32> {
         if self.uses_previous() {
             side_by_side(&[(obs, obs_size), (previous, action_size)])
         } else {

@@ -81,7 +81,10 @@ impl Learner {
 
     fn apply(&mut self, gradients: Vec<GradientsParams>) {
         let (adam, mlp) = (&mut self.adam, &mut self.mlp);
-        self.trainable = self.trainable.take().map(|module| adam.step(module, gradients, mlp));
+        self.trainable = self
+            .trainable
+            .take()
+            .map(|module| adam.step(module, gradients, mlp));
     }
 }
 

@@ -59,7 +59,9 @@ impl Mlp {
         for layer in rest {
             // Unlike `max` this lets a NaN through, so that it is noticed; and unlike a branch it
             // is done for many numbers at once.
-            features.iter_mut().for_each(|x| *x = if *x < 0.0 { 0.0 } else { *x });
+            features
+                .iter_mut()
+                .for_each(|x| *x = if *x < 0.0 { 0.0 } else { *x });
             features = layer.forward(&features);
         }
         features
@@ -89,12 +91,16 @@ impl Mlp {
 
     /// Weight and bias of each layer in turn.
     pub(super) fn parameters(&self) -> impl Iterator<Item = &Vec<f32>> {
-        self.layers.iter().flat_map(|layer| [&layer.weight, &layer.bias])
+        self.layers
+            .iter()
+            .flat_map(|layer| [&layer.weight, &layer.bias])
     }
 
     /// As [`parameters`](Mlp::parameters), to be changed.
     pub(super) fn parameters_mut(&mut self) -> impl Iterator<Item = &mut Vec<f32>> {
-        self.layers.iter_mut().flat_map(|layer| [&mut layer.weight, &mut layer.bias])
+        self.layers
+            .iter_mut()
+            .flat_map(|layer| [&mut layer.weight, &mut layer.bias])
     }
 
     /// Adds `<name>.l<i>.weight` (`[inputs, outputs]`) and `<name>.l<i>.bias` to `weights`, `i` from 1.
@@ -136,14 +142,22 @@ impl Dense {
         for _ in 0..rows {
             output.extend_from_slice(&self.bias);
         }
-        add_product(&mut output, input, &self.weight, [rows, self.inputs, self.outputs]);
+        add_product(
+            &mut output,
+            input,
+            &self.weight,
+            [rows, self.inputs, self.outputs],
+        );
         output
     }
 }
 
 /// `c += a b` of row-major matrices `[m, k]` and `[k, n]`.
 fn add_product(c: &mut [f32], a: &[f32], b: &[f32], [m, k, n]: [usize; 3]) {
-    assert!(a.len() == m * k && b.len() == k * n && c.len() == m * n, "sizes of a matrix product");
+    assert!(
+        a.len() == m * k && b.len() == k * n && c.len() == m * n,
+        "sizes of a matrix product"
+    );
     let row = |width: usize| width as isize;
     // SAFETY: the strides are those of row-major matrices, whose lengths were checked above; `c` is
     // borrowed mutably and so overlaps neither `a` nor `b`.
@@ -179,8 +193,16 @@ mod tests {
 
     #[test]
     fn a_layer_is_x_w_plus_b() {
-        let layer = Dense { inputs: 2, outputs: 3, weight: vec![1., 2., 3., 4., 5., 6.], bias: vec![0.5, 0., -1.] };
-        assert_eq!(layer.forward(&[1., 10., 0., 1.]), [41.5, 52., 62., 4.5, 5., 5.]);
+        let layer = Dense {
+            inputs: 2,
+            outputs: 3,
+            weight: vec![1., 2., 3., 4., 5., 6.],
+            bias: vec![0.5, 0., -1.],
+        };
+        assert_eq!(
+            layer.forward(&[1., 10., 0., 1.]),
+            [41.5, 52., 62., 4.5, 5., 5.]
+        );
     }
 
     #[test]
@@ -191,7 +213,10 @@ mod tests {
         let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
         assert!(close(&mlp.forward(&rows[6..9]), &all[4..6]));
         let negated: Vec<f32> = rows.iter().map(|x| -x).collect();
-        assert!(!close(&mlp.forward(&negated), &all.iter().map(|y| -y).collect::<Vec<_>>()));
+        assert!(!close(
+            &mlp.forward(&negated),
+            &all.iter().map(|y| -y).collect::<Vec<_>>()
+        ));
     }
 
     #[test]
@@ -205,7 +230,8 @@ mod tests {
         let mut target = Mlp::new(&[1, 2], &mut stream(1, "a"));
         let (before, online) = (target.clone(), Mlp::new(&[1, 2], &mut stream(1, "b")));
         target.polyak(&online, 0.25);
-        let moved = |i: usize| 0.75 * before.layers[0].weight[i] + 0.25 * online.layers[0].weight[i];
+        let moved =
+            |i: usize| 0.75 * before.layers[0].weight[i] + 0.25 * online.layers[0].weight[i];
         assert_eq!(target.layers[0].weight, [moved(0), moved(1)]);
     }
 }

@@ -26,7 +26,11 @@ impl RunningMoments {
     pub fn add(&mut self, observation: &[f64]) {
         self.count += 1;
         let n = self.count as f64;
-        for ((x, mean), square) in observation.iter().zip(&mut self.mean).zip(&mut self.squares) {
+        for ((x, mean), square) in observation
+            .iter()
+            .zip(&mut self.mean)
+            .zip(&mut self.squares)
+        {
             let before = x - *mean;
             *mean += before / n;
             *square += before * (x - *mean);
@@ -72,7 +76,11 @@ impl ObservationScaling {
 
     /// Given figures, one of each a coordinate.
     pub fn new(mean: Vec<f32>, deviation: Vec<f32>, clip: f32) -> ObservationScaling {
-        ObservationScaling { mean, deviation, clip }
+        ObservationScaling {
+            mean,
+            deviation,
+            clip,
+        }
     }
 
     /// Length of an observation.
@@ -106,7 +114,10 @@ impl ObservationScaling {
     /// Adds `scaling.mean`, `scaling.deviation` and `scaling.clip` to `weights`.
     pub fn save(&self, weights: &mut Weights) {
         let mut insert = |name: &str, data: &[f32]| {
-            weights.insert(format!("scaling.{name}"), TensorData::new(data.to_vec(), [data.len()]));
+            weights.insert(
+                format!("scaling.{name}"),
+                TensorData::new(data.to_vec(), [data.len()]),
+            );
         };
         insert("mean", &self.mean);
         insert("deviation", &self.deviation);
@@ -133,7 +144,9 @@ mod tests {
 
     #[test]
     fn running_moments_agree_with_two_passes() {
-        let rows: Vec<[f64; 2]> = (0..100).map(|i| [f64::from(i).sin() * 3.0 + 1e3, 7.0]).collect();
+        let rows: Vec<[f64; 2]> = (0..100)
+            .map(|i| [f64::from(i).sin() * 3.0 + 1e3, 7.0])
+            .collect();
         let mut moments = RunningMoments::new(2);
         rows.iter().for_each(|r| moments.add(r));
         let mean = rows.iter().map(|r| r[0]).sum::<f64>() / 100.0;
@@ -141,7 +154,10 @@ mod tests {
         let scaling = moments.scaling(5.0, 1e-2);
         assert!((f64::from(scaling.mean[0]) - mean).abs() < 1e-4);
         assert!((f64::from(scaling.deviation[0]) - deviation).abs() < 1e-6);
-        assert_eq!(scaling.deviation[1], 1e-2, "a constant coordinate gets the floor");
+        assert_eq!(
+            scaling.deviation[1], 1e-2,
+            "a constant coordinate gets the floor"
+        );
     }
 
     #[test]

@@ -49,7 +49,10 @@ impl Weights {
     /// # Errors
     /// When it is missing or has another shape.
     pub fn get(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightError> {
-        let data = self.0.get(name).ok_or_else(|| WeightError::Missing(name.to_owned()))?;
+        let data = self
+            .0
+            .get(name)
+            .ok_or_else(|| WeightError::Missing(name.to_owned()))?;
         let found: Vec<usize> = data.shape().to_vec();
         if found != shape {
             return Err(WeightError::Shape {
@@ -59,7 +62,9 @@ impl Weights {
             });
         }
         let numbers = data.as_slice::<f32>();
-        Ok(numbers.map_err(|e| WeightError::Format(format!("{e:?}")))?.to_vec())
+        Ok(numbers
+            .map_err(|e| WeightError::Format(format!("{e:?}")))?
+            .to_vec())
     }
 
     /// As the bytes of a `safetensors` file with `metadata`.
@@ -91,7 +96,10 @@ impl Weights {
         let mut weights = Weights::default();
         for (name, view) in SafeTensors::deserialize(bytes).map_err(format)?.iter() {
             if view.dtype() != Dtype::F32 {
-                return Err(WeightError::Format(format!("array `{name}` is {:?}", view.dtype())));
+                return Err(WeightError::Format(format!(
+                    "array `{name}` is {:?}",
+                    view.dtype()
+                )));
             }
             let numbers: Vec<f32> = view
                 .data()
@@ -101,7 +109,10 @@ impl Weights {
             if name != "scaling.clip" && numbers.iter().any(|x| !x.is_finite()) {
                 return Err(WeightError::NotFinite(name.to_owned()));
             }
-            weights.insert(name.to_owned(), TensorData::new(numbers, view.shape().to_vec()));
+            weights.insert(
+                name.to_owned(),
+                TensorData::new(numbers, view.shape().to_vec()),
+            );
         }
         Ok((weights, metadata))
     }

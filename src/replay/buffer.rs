@@ -90,7 +90,10 @@ impl ReplayBuffer {
     pub fn newest(&self, rows: usize) -> Batch {
         let stored = self.len();
         let rows = rows.min(stored);
-        self.gather((1..=rows).map(|back| (self.next + stored - back) % stored), rows)
+        self.gather(
+            (1..=rows).map(|back| (self.next + stored - back) % stored),
+            rows,
+        )
     }
 
     fn gather(&self, indices: impl Iterator<Item = usize>, rows: usize) -> Batch {
@@ -166,7 +169,11 @@ mod tests {
         let sample = |seed| buffer.sample(8000, &mut stream(seed, "replay"));
         assert_eq!(sample(1), sample(1));
         let mut counts = [0; 8];
-        sample(2).obs.iter().step_by(2).for_each(|x| counts[*x as usize] += 1);
+        sample(2)
+            .obs
+            .iter()
+            .step_by(2)
+            .for_each(|x| counts[*x as usize] += 1);
         assert!(counts.iter().all(|c| (850..1150).contains(c)), "{counts:?}");
     }
 }

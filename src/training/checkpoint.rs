@@ -149,7 +149,10 @@ impl Checkpoint {
 
     fn load_directory(path: &Path) -> Result<Checkpoint, CheckpointError> {
         let file = |name: &str| path.join(name);
-        if [WEIGHTS, CONFIG, STATE].iter().all(|name| !file(name).exists()) {
+        if [WEIGHTS, CONFIG, STATE]
+            .iter()
+            .all(|name| !file(name).exists())
+        {
             return Err(CheckpointError::Missing(path.to_owned()));
         }
         let config = read_config(&file(CONFIG))?;
@@ -162,8 +165,14 @@ impl Checkpoint {
         for (name, task) in [(STATE, Some(&state.task)), (WEIGHTS, metadata.get("task"))] {
             if task.is_some_and(|task| *task != config.task) {
                 let task = task.map_or("", String::as_str);
-                let reason = format!("it is of task `{task}`, {CONFIG} beside it of `{}`", config.task);
-                return Err(CheckpointError::Damaged { path: file(name), reason });
+                let reason = format!(
+                    "it is of task `{task}`, {CONFIG} beside it of `{}`",
+                    config.task
+                );
+                return Err(CheckpointError::Damaged {
+                    path: file(name),
+                    reason,
+                });
             }
         }
         Ok(Checkpoint {
@@ -216,7 +225,10 @@ fn read_config(path: &Path) -> Result<Config, CheckpointError> {
 }
 
 fn damaged(path: PathBuf, error: impl std::fmt::Display) -> CheckpointError {
-    CheckpointError::Damaged { path, reason: error.to_string() }
+    CheckpointError::Damaged {
+        path,
+        reason: error.to_string(),
+    }
 }
 
 fn io(path: &Path) -> impl FnOnce(std::io::Error) -> CheckpointError {

@@ -126,7 +126,8 @@ impl Interval {
     /// An update of phase 2.
     pub(super) fn update(&mut self, figures: &Figures) {
         self.updates += 1;
-        self.critic_loss.add(figures.critic_losses.iter().map(|l| f64::from(*l)).sum());
+        self.critic_loss
+            .add(figures.critic_losses.iter().map(|l| f64::from(*l)).sum());
         self.q_mean.add(f64::from(figures.q_mean));
         if let Some(loss) = figures.actor_loss {
             self.actor_loss.add(f64::from(loss));
@@ -183,7 +184,10 @@ impl Curves {
 }
 
 /// Writes and flushes one row.
-pub(super) fn write<R: Serialize>(writer: &mut csv::Writer<File>, row: R) -> Result<(), csv::Error> {
+pub(super) fn write<R: Serialize>(
+    writer: &mut csv::Writer<File>,
+    row: R,
+) -> Result<(), csv::Error> {
     writer.serialize(row)?;
     Ok(writer.flush()?)
 }

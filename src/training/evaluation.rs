@@ -87,16 +87,24 @@ impl Evaluator {
     /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not
     /// depend on which environment it runs in, nor on the number of threads.
     pub fn evaluate(&mut self, policy: &Policy, episodes: usize) -> Evaluation {
-        let streams: Vec<Stream> = (0..episodes).map(|_| Stream::from_rng(&mut self.rng)).collect();
+        let streams: Vec<Stream> = (0..episodes)
+            .map(|_| Stream::from_rng(&mut self.rng))
+            .collect();
         let run = |env: &mut Box<dyn Env>, first: usize| -> Vec<EpisodeResult> {
             let streams = streams.iter().skip(first).step_by(2);
-            streams.map(|stream| run_episode(env.as_mut(), policy, &mut stream.clone())).collect()
+            streams
+                .map(|stream| run_episode(env.as_mut(), policy, &mut stream.clone()))
+                .collect()
         };
         let [even, odd] = &mut self.envs;
         let (even, odd) = rayon::join(|| run(even, 0), || run(odd, 1));
         let mut odd = odd.into_iter();
         Evaluation {
-            episodes: even.into_iter().flat_map(|e| [Some(e), odd.next()]).flatten().collect(),
+            episodes: even
+                .into_iter()
+                .flat_map(|e| [Some(e), odd.next()])
+                .flatten()
+                .collect(),
         }
     }
 }

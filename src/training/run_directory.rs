@@ -34,7 +34,9 @@ impl RunDirectory {
     /// Where a run of `config` goes unless told otherwise: `runs/<task>/<method>/seed-<n>`.
     pub fn default_path(config: &Config) -> PathBuf {
         let seed = format!("seed-{}", config.seed);
-        ["runs", &config.task, config.method.name(), &seed].iter().collect()
+        ["runs", &config.task, config.method.name(), &seed]
+            .iter()
+            .collect()
     }
 
     /// Makes the directory. An existing one is an error; with `force` an existing run is removed.
@@ -42,7 +44,10 @@ impl RunDirectory {
     /// # Errors
     /// When it exists, is no run, or the system refuses.
     pub fn create(path: &Path, force: bool) -> Result<RunDirectory, RunDirectoryError> {
-        let io = |error| RunDirectoryError::Io { path: path.to_owned(), error };
+        let io = |error| RunDirectoryError::Io {
+            path: path.to_owned(),
+            error,
+        };
         let occupied = match std::fs::read_dir(path) {
             Ok(mut entries) => entries.next().is_some(),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => false,

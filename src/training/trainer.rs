@@ -49,7 +49,10 @@ pub enum Outcome {
 #[non_exhaustive]
 pub enum TrainError {
     /// A loss is not finite; the last checkpoint was left as it was.
-    #[error("step {step}: {quantity} is not finite; {}", good_checkpoint(checkpoint))]
+    #[error(
+        "step {step}: {quantity} is not finite; {}",
+        good_checkpoint(checkpoint)
+    )]
     NotFinite {
         /// The environment step.
         step: u64,
@@ -154,8 +157,14 @@ impl Trainer {
                 action_size: spec.action_size,
                 known: rules.known(),
             };
-            let model = DynamicsModel::new(&config.model, shape, &mut seeded("init-model"), &device);
-            Some(Imagination::new(&config.imagination, spec.action_limit, model, rules))
+            let model =
+                DynamicsModel::new(&config.model, shape, &mut seeded("init-model"), &device);
+            Some(Imagination::new(
+                &config.imagination,
+                spec.action_limit,
+                model,
+                rules,
+            ))
         } else {
             None
         };
@@ -170,14 +179,18 @@ impl Trainer {
 
         let text = toml::to_string_pretty(&config).expect("a configuration is TOML");
         directory.write("config.toml", &text)?;
-        let provenance = serde_json::to_string_pretty(&Provenance::here()).expect("plain data is JSON");
+        let provenance =
+            serde_json::to_string_pretty(&Provenance::here()).expect("plain data is JSON");
         directory.write("run.json", &provenance)?;
         let curves = Curves::create(directory.path()).map_err(|error| TrainError::Curves {
             path: directory.path().to_owned(),
             error,
         })?;
 
-        let capacity = config.replay.capacity.min(usize::try_from(config.steps).unwrap_or(usize::MAX));
+        let capacity = config
+            .replay
+            .capacity
+            .min(usize::try_from(config.steps).unwrap_or(usize::MAX));
         Ok(Trainer {
             env,
             agent,
@@ -208,13 +221,21 @@ impl Trainer {
     ///
     /// # Errors
     /// When a loss is not finite or a file can't be written.
-    pub fn run(mut self, monitor: &mut dyn Monitor, stop: &AtomicBool) -> Result<Outcome, TrainError> {
+    pub fn run(
+        mut self,
+        monitor: &mut dyn Monitor,
+        stop: &AtomicBool,
+    ) -> Result<Outcome, TrainError> {
         let threads = self.config.compute.threads;
         with_threads(threads, move || self.train(monitor, stop))
             .map_err(|error| TrainError::Threads { threads, error })?
     }
 
-    fn train(&mut self, monitor: &mut dyn Monitor, stop: &AtomicBool) -> Result<Outcome, TrainError> {
+    fn train(
+        &mut self,
+        monitor: &mut dyn Monitor,
+        stop: &AtomicBool,
+    ) -> Result<Outcome, TrainError> {
         let (steps, random_steps) = (self.config.steps, self.config.random_steps);
         if steps <= random_steps {
             monitor.note(&format!(
@@ -230,7 +251,8 @@ impl Trainer {
             let action = if random {
                 self.random_action(&episode.previous_action)
             } else {
-                let deviation = (self.config.exploration_noise * self.env.spec().action_limit) as f32;
+                let deviation =
+                    (self.config.exploration_noise * self.env.spec().action_limit) as f32;
                 let rng = &mut self.streams.exploration;
                 policy.explore(&episode.obs, &episode.previous_action, deviation, rng)
             };
@@ -238,7 +260,8 @@ impl Trainer {
             if random {
                 largest_reward = reward.map_or(largest_reward, |r| largest_reward.max(r));
             }
-            let rescaled = self.config.scaling.enabled && step.is_multiple_of(self.config.scaling.every);
+            let rescaled =
+                self.config.scaling.enabled && step.is_multiple_of(self.config.scaling.every);
             if rescaled {
                 let scaling = &self.config.scaling;
                 self.scaling = self.moments.scaling(scaling.clip, scaling.deviation_floor);
@@ -260,7 +283,11 @@ impl Trainer {
             if stopped || step == steps || step.is_multiple_of(self.config.checkpoint.every) {
                 self.save("last", step)?;
             }
-            monitor.step(&Status { step, steps, return_mean: self.last_return });
+            monitor.step(&Status {
+                step,
+                steps,
+                return_mean: self.last_return,
+            });
             if stopped {
                 return Ok(Outcome::Interrupted(step));
             }
@@ -273,7 +300,10 @@ impl Trainer {
         let coupling = self.config.td3(self.env.spec()).coupling;
         let limit = coupling.limit as f32;
         let rng = &mut self.streams.exploration;
-        let mut action: Vec<f32> = previous.iter().map(|_| rng.random_range(-limit..=limit)).collect();
+        let mut action: Vec<f32> = previous
+            .iter()
+            .map(|_| rng.random_range(-limit..=limit))
+            .collect();
         coupling.execute_in_place(&mut action, previous);
         action
     }
@@ -295,7 +325,9 @@ impl Trainer {
 
         if outcome.diverged {
             self.interval.diverged();
-            monitor.note(&format!("step {step}: the simulation diverged; the episode is truncated"));
+            monitor.note(&format!(
+                "step {step}: the simulation diverged; the episode is truncated"
+            ));
         } else {
             let next_obs = single(&observation);
             self.moments.add(&observation);
@@ -313,7 +345,8 @@ impl Trainer {
             episode.length += 1;
         }
         if outcome.terminated || outcome.truncated {
-            self.interval.episode(episode.episode_return, episode.length);
+            self.interval
+                .episode(episode.episode_return, episode.length);
             *episode = self.reset();
         }
         (!outcome.diverged).then_some(outcome.reward)
@@ -371,7 +404,13 @@ impl Trainer {
         let (replay, streams) = (&self.replay, &mut self.streams);
         let imagines = self.agent.imagination().is_some();
         let (sample, imagination) = rayon::join(
-            || Sample::draw(replay.sample(rows, &mut streams.replay), action_size, &mut streams.smoothing),
+            || {
+                Sample::draw(
+                    replay.sample(rows, &mut streams.replay),
+                    action_size,
+                    &mut streams.smoothing,
+                )
+            },
             || {
                 imagines.then(|| {
                     let batch = replay.sample(rows, &mut streams.model_replay);
@@ -379,7 +418,10 @@ impl Trainer {
                 })
             },
         );
-        Sample { imagination, ..sample }
+        Sample {
+            imagination,
+            ..sample
+        }
     }
 
     /// Line 12 of Algorithm 1: `b = r* l c` (equation 6).
@@ -396,7 +438,9 @@ impl Trainer {
     fn evaluate(&mut self, step: u64) -> Result<(), TrainError> {
         let started = Instant::now();
         let policy = self.agent.policy(&self.scaling);
-        let evaluation = self.evaluator.evaluate(&policy, self.config.evaluation.episodes);
+        let evaluation = self
+            .evaluator
+            .evaluate(&policy, self.config.evaluation.episodes);
         let newest = self.replay.newest(self.config.batch_size);
         let model_error = if newest.rows > 0 {
             self.agent.model_error(&newest, &self.scaling)
@@ -411,7 +455,10 @@ impl Trainer {
         let mut write = || -> Result<(), csv::Error> {
             curves::write(&mut self.curves.eval, EvalRow::new(step, &evaluation))?;
             if step > 0 {
-                curves::write(&mut self.curves.train, self.interval.take(step, model_error))?;
+                curves::write(
+                    &mut self.curves.train,
+                    self.interval.take(step, model_error),
+                )?;
                 curves::write(&mut self.curves.timing, clock.row(step, evaluation_time))?;
             }
             Ok(())
@@ -432,7 +479,14 @@ impl Trainer {
 
     fn save(&mut self, name: &str, step: u64) -> Result<(), TrainError> {
         let path = self.directory.checkpoint(name);
-        Checkpoint::save(&path, &self.config, step, self.last_return, &self.agent, &self.scaling)?;
+        Checkpoint::save(
+            &path,
+            &self.config,
+            step,
+            self.last_return,
+            &self.agent,
+            &self.scaling,
+        )?;
         self.saved = Some(path);
         Ok(())
     }

@@ -28,10 +28,17 @@ pub struct RulesErrors {
     pub terminated: usize,
 }
 
-/// The outcome of one rollout.
+impl RulesErrors {
+    fn merge(&mut self, other: &RulesErrors) {
+        self.reward.merge(&other.reward);
+        self.terminated += other.terminated;
+    }
+}
+
+/// The outcome of one rollout, or of several of one task.
 #[derive(Debug, Clone)]
 pub struct Summary {
-    /// The file.
+    /// The file, or the first of several.
     pub path: PathBuf,
     /// Id of the task.
     pub env: String,
@@ -70,6 +77,22 @@ impl Summary {
                 .all(|errors| errors.within(tolerance))
             && self.terminated == 0
             && self.diverged == 0
+    }
+
+    /// Takes in the outcome of another rollout of the same task.
+    pub fn merge(&mut self, other: &Summary) {
+        self.steps += other.steps;
+        self.obs.merge(&other.obs);
+        self.reward.merge(&other.reward);
+        self.qpos.merge(&other.qpos);
+        self.qvel.merge(&other.qvel);
+        self.known.merge(&other.known);
+        self.start.merge(&other.start);
+        if let (Some(mean), Some(other)) = (&mut self.mean, &other.mean) {
+            mean.merge(other);
+        }
+        self.terminated += other.terminated;
+        self.diverged += other.diverged;
     }
 
     /// The largest error of observations, rewards and velocities that passes.

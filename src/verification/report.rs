@@ -22,13 +22,20 @@ const COLUMNS: [&str; 14] = [
     "verdict",
 ];
 
-/// One line for each rollout: largest errors of the simulator, errors of the rules on observations
+/// One line for each task: largest errors of the simulator, errors of the rules on observations
 /// (with the velocity read before the step, then, as `mean-v`, with the mean of the velocities around
 /// it), largest error of the coordinates the rules know, and at how many steps the rules, and the
 /// recording, disagree with the simulator on termination.
 pub fn table(summaries: &[Summary]) -> String {
+    let mut tasks: Vec<Summary> = Vec::new();
+    for summary in summaries {
+        match tasks.iter_mut().find(|task| task.env == summary.env) {
+            Some(task) => task.merge(summary),
+            None => tasks.push(summary.clone()),
+        }
+    }
     let mut rows = vec![COLUMNS.map(str::to_owned)];
-    rows.extend(summaries.iter().map(cells));
+    rows.extend(tasks.iter().map(cells));
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
     let widths: Vec<usize> = (0..COLUMNS.len()).filter_map(width).collect();
 

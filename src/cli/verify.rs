@@ -1,0 +1,79 @@
+//! `mamf verify`: replay recorded rollouts.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use crate::env;
+use crate::verification::{self, Report, UnusableInput};
+
+/// Every rollout was reproduced.
+const PASSED: u8 = 0;
+/// A rollout was not reproduced, or is damaged.
+const FAILED: u8 = 1;
+/// There is nothing to verify.
+const UNUSABLE: u8 = 2;
+
+/// Arguments of `mamf verify`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Only rollouts of this task
+    #[arg(long, value_name = "ID")]
+    task: Option<String>,
+    /// Directory of rollouts (.npz beside .json), searched with its subdirectories
+    #[arg(value_name = "DIR")]
+    directory: PathBuf,
+}
+
+/// Replays the rollouts, prints a table, and tells by the exit code whether all were reproduced:
+/// 0 yes, 1 past tolerance or damaged, 2 nothing to verify.
+///
+/// # Errors
+/// If the task asked for is unknown.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(task) = &args.task {
+        env::info(task)?;
+    }
+    let code = match verification::verify(&args.directory, args.task.as_deref()) {
+        Ok(report) => print(&report)?,
+        Err(error @ (UnusableInput::Directory { .. } | UnusableInput::Empty { .. })) => {
+            eprintln!("error: {error}");
+            UNUSABLE
+        }
+    };
+    Ok(ExitCode::from(code))
+}
+
+/// Prints the outcome; the exit code that goes with it.
+fn print(report: &Report) -> std::io::Result<u8> {
+    let mut out = std::io::stdout().lock();
+    write!(out, "{}", verification::table(&report.summaries))?;
+    writeln!(
+        out,
+        "\nobs to qvel: largest error of the simulator (tolerance {:.0e}; relative {:.0e} where the \
+         verdict says so).\nrule: reward computed from observations, with the velocity before the \
+         step; mean-v: with the mean of the\nvelocities around it. known: coordinates that rules fill \
+         in. ends: steps at which the rules, or the\nrecording, disagree with the simulator on \
+         termination.",
+        verification::TOLERANCE,
+        verification::RELATIVE_TOLERANCE,
+    )?;
+    if report.skipped > 0 {
+        writeln!(
+            out,
+            "{} rollouts of other tasks were left out.",
+            report.skipped
+        )?;
+    }
+    for summary in report.summaries.iter().filter(|s| !s.within_tolerance()) {
+        let path = summary.path.display();
+        match summary.diverged {
+            0 => eprintln!("error: {path}: not reproduced within tolerance"),
+            n => eprintln!("error: {path}: the simulation diverged at {n} steps"),
+        }
+    }
+    for failure in &report.failures {
+        eprintln!("error: {failure}");
+    }
+    Ok(if report.passed() { PASSED } else { FAILED })
+}
