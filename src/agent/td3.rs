@@ -1,10 +1,10 @@
 //! TD3, and MAMF as TD3 that also learns from imaginary transitions.
 
 use super::{Policy, Sample, Td3Settings};
-use crate::imagination::{Imagination, Kept};
+use crate::imagination::{DynamicsModel, Imagination, Kept};
 use crate::nn::{
-    Learner, Mlp, ObservationScaling, WeightError, Weights, column, matrix, rows_of, side_by_side,
-    to_vec,
+    Gradient, Learner, Mlp, ObservationScaling, WeightError, Weights, column, matrix, rows_of,
+    side_by_side, to_vec,
 };
 use crate::parallel::halves;
 use crate::random::Stream;
@@ -247,11 +247,10 @@ impl Td3 {
     /// One step of the dynamics model alone (phase 1). Returns its loss; none without a model.
     pub fn train_model(&mut self, batch: &Batch, scaling: &ObservationScaling) -> Option<f32> {
         let model = &mut self.imagination.as_mut()?.model;
-        Some(model.train(
-            &scaling.scale(&batch.obs),
-            &batch.action,
-            &scaling.scale(&batch.next_obs),
-        ))
+        let gradient = model_gradient(model, batch, scaling);
+        let loss = gradient.loss();
+        model.step(gradient);
+        Some(loss)
     }
 
     /// Root mean square one-step error of the dynamics model on `batch`, in scaled space.
@@ -273,16 +272,24 @@ impl Td3 {
         let obs = scaling.scale(&batch.obs);
         let observed = self.observe(&obs, &batch.previous_action);
 
-        // The real targets don't need the model, so its step runs beside them.
+        // The gradient takes both threads; applying it leaves one for the real targets, which do
+        // not need the model.
         let mut imagination = self.imagination.take();
-        let (model_loss, y) = rayon::join(
-            || {
-                let model = &mut imagination.as_mut()?.model;
-                let batch = &sample.imagination.as_ref()?.model_batch;
-                let next = scaling.scale(&batch.next_obs);
-                Some(model.train(&scaling.scale(&batch.obs), &batch.action, &next))
-            },
+        let gradient =
+            imagination
+                .as_ref()
+                .zip(sample.imagination.as_ref())
+                .map(|(imagination, draws)| {
+                    model_gradient(&imagination.model, &draws.model_batch, scaling)
+                });
+        let model_loss = gradient.as_ref().map(Gradient::loss);
+        let (y, ()) = rayon::join(
             || self.real_targets(batch, &sample.smoothing, scaling),
+            || {
+                if let Some((imagination, gradient)) = imagination.as_mut().zip(gradient) {
+                    imagination.model.step(gradient);
+                }
+            },
         );
         let imaginary = match (&mut imagination, model_loss) {
             (Some(imagination), Some(model_loss)) => Some(ImaginaryTargets {
@@ -449,12 +456,14 @@ impl Td3 {
         let (y, weight) = (column(y, training), column(weight, training));
         let step = |critic: &mut Learner| {
             let mut values = Vec::new();
-            let loss = critic.step(|critic| {
+            let gradient = critic.differentiate(|critic| {
                 let q = critic.forward(input.clone());
                 values = to_vec(q.clone().without_autodiff());
                 let error = q - y.clone();
                 (error.clone() * error * weight.clone()).sum()
             });
+            let loss = gradient.loss();
+            critic.step(gradient);
             (loss, values)
         };
         let [critic1, critic2] = &mut self.critics;
@@ -472,22 +481,25 @@ impl Td3 {
         let critic = self.critics[0].frozen();
         let coupling = self.settings.coupling;
         let tau = self.settings.tau;
-        let step_actor = || {
-            self.actor.step_by_rows(rows, |actor, range| {
-                let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
-                let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
-                let output = coupling.output(actor.forward(observed.clone()));
-                let action = coupling.execute(output, matrix(previous, sa, &training));
-                critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
-            })
-        };
-        let step_target_critics = || {
-            for (target, critic) in self.target_critics.iter_mut().zip(&self.critics) {
-                target.polyak(critic.mlp(), tau);
-            }
-        };
-        let (loss, ()) = rayon::join(step_actor, step_target_critics);
-        self.target_actor.polyak(self.actor.mlp(), tau);
+        let gradient = self.actor.differentiate_by_rows(rows, |actor, range| {
+            let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
+            let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
+            let output = coupling.output(actor.forward(observed.clone()));
+            let action = coupling.execute(output, matrix(previous, sa, &training));
+            critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
+        });
+        let loss = gradient.loss();
+        rayon::join(
+            || {
+                self.actor.step(gradient);
+                self.target_actor.polyak(self.actor.mlp(), tau);
+            },
+            || {
+                for (target, critic) in self.target_critics.iter_mut().zip(&self.critics) {
+                    target.polyak(critic.mlp(), tau);
+                }
+            },
+        );
         loss
     }
 
@@ -496,4 +508,10 @@ impl Td3 {
             .coupling
             .observe(obs, previous, self.obs_size, self.action_size)
     }
+}
+
+/// The gradient of the dynamics model's loss on `batch`.
+fn model_gradient(model: &DynamicsModel, batch: &Batch, scaling: &ObservationScaling) -> Gradient {
+    let (obs, next) = (scaling.scale(&batch.obs), scaling.scale(&batch.next_obs));
+    model.differentiate(&obs, &batch.action, &next)
 }

@@ -1,7 +1,7 @@
 //! The learned dynamics model.
 
 use super::{ModelSettings, Predict};
-use crate::nn::{Learner, Mlp, WeightError, Weights, matrix, rows_of, side_by_side};
+use crate::nn::{Gradient, Learner, Mlp, WeightError, Weights, matrix, rows_of, side_by_side};
 use crate::random::Stream;
 use burn::tensor::Device;
 
@@ -92,27 +92,28 @@ impl DynamicsModel {
         self.learner.mlp().save("model", weights);
     }
 
-    /// One Adam step on `mean((f(s, a) - s')^2)` over rows and learned coordinates; `obs` and
-    /// `next_obs` scaled, `[n, obs_size]`, `action` `[n, action_size]`. Returns the loss before it.
-    pub fn train(&mut self, obs: &[f32], action: &[f32], next_obs: &[f32]) -> f32 {
+    /// The gradient of `mean((f(s, a) - s')^2)` over rows and learned coordinates; `obs` and
+    /// `next_obs` scaled, `[n, obs_size]`, `action` `[n, action_size]`.
+    pub fn differentiate(&self, obs: &[f32], action: &[f32], next_obs: &[f32]) -> Gradient {
         let (so, sa, width) = (self.obs_size, self.action_size, self.learned.len());
         let rows = obs.len() / so;
-        if width == 0 {
-            return 0.0;
-        }
         let target = self.targets(obs, next_obs);
-        let device = self.learner.device().clone();
+        let device = self.learner.device();
         let weight = 1.0 / (rows * width) as f64;
-        self.learner.step_by_rows(rows, |mlp, range| {
+        self.learner.differentiate_by_rows(rows, |mlp, range| {
             let input = side_by_side(&[
                 (rows_of(obs, so, &range), so),
                 (rows_of(action, sa, &range), sa),
             ]);
             let target = rows_of(&target, width, &range).to_vec();
-            let error =
-                mlp.forward(matrix(input, so + sa, &device)) - matrix(target, width, &device);
+            let error = mlp.forward(matrix(input, so + sa, device)) - matrix(target, width, device);
             (error.clone() * error).sum() * weight
         })
+    }
+
+    /// One Adam step down `gradient`.
+    pub fn step(&mut self, gradient: Gradient) {
+        self.learner.step(gradient);
     }
 
     /// Mean squared one-step error over rows and learned coordinates, without training.

@@ -52,39 +52,47 @@ impl Learner {
         self.adam = self.adam.forgetful();
     }
 
-    /// One Adam step down the gradient of `loss`, a scalar. Returns the loss.
-    pub fn step(&mut self, loss: impl FnOnce(&TrainableMlp) -> Tensor<1>) -> f32 {
-        let (loss, gradients) = differentiate(self.trainable(), loss);
-        self.apply(vec![gradients]);
-        loss
+    /// The gradient of `loss`, a scalar.
+    pub fn differentiate(&self, loss: impl FnOnce(&TrainableMlp) -> Tensor<1>) -> Gradient {
+        Gradient(vec![differentiate(self.trainable(), loss)])
     }
 
-    /// One Adam step down the gradient of a loss that is a sum over `rows` rows, taken in two
-    /// halves side by side. Returns the loss.
-    pub fn step_by_rows(
-        &mut self,
+    /// The gradient of a loss that is a sum over `rows` rows, taken in two halves side by side.
+    pub fn differentiate_by_rows(
+        &self,
         rows: usize,
         loss: impl Fn(&TrainableMlp, Range<usize>) -> Tensor<1> + Sync,
-    ) -> f32 {
-        let [(first, gradients), (second, more)] = halves(rows, |range| {
+    ) -> Gradient {
+        let parts = halves(rows, |range| {
             // Leaves of its own: gradients through shared ones would wait for each other.
             let module = self.trainable().valid().train();
             differentiate(&module, |module| loss(module, range))
         });
-        self.apply(vec![gradients, more]);
-        first + second
+        Gradient(parts.into())
+    }
+
+    /// One Adam step down `gradient`.
+    pub fn step(&mut self, gradient: Gradient) {
+        let parts = gradient.0.into_iter().map(|(_, part)| part).collect();
+        let (adam, mlp) = (&mut self.adam, &mut self.mlp);
+        self.trainable = self
+            .trainable
+            .take()
+            .map(|module| adam.step(module, parts, mlp));
     }
 
     fn trainable(&self) -> &TrainableMlp {
         self.trainable.as_ref().expect("no step is in progress")
     }
+}
 
-    fn apply(&mut self, gradients: Vec<GradientsParams>) {
-        let (adam, mlp) = (&mut self.adam, &mut self.mlp);
-        self.trainable = self
-            .trainable
-            .take()
-            .map(|module| adam.step(module, gradients, mlp));
+/// A loss and its gradient, as a sum of one or two parts.
+pub struct Gradient(Vec<(f32, GradientsParams)>);
+
+impl Gradient {
+    /// The loss.
+    pub fn loss(&self) -> f32 {
+        self.0.iter().map(|(loss, _)| loss).sum()
     }
 }
 

@@ -15,7 +15,7 @@ mod weights;
 
 pub use adam::Adam;
 pub use coupling::Coupling;
-pub use learner::Learner;
+pub use learner::{Gradient, Learner};
 pub use mlp::Mlp;
 pub use scaling::{ObservationScaling, RunningMoments};
 pub use settings::{Backend, NetworkSettings, ScalingSettings};
