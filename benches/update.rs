@@ -7,7 +7,7 @@ use mamf::config::{Config, Method};
 use mamf::env;
 use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use mamf::nn::RunningMoments;
-use mamf::parallel::with_threads;
+use mamf::parallel::{join, with_threads};
 use mamf::random::stream;
 use mamf::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
@@ -76,7 +76,7 @@ fn updates(method: Method) -> impl FnMut() + Send {
     let (mut batch_rng, mut imagination_rng) = (stream(1, "bench"), stream(2, "bench"));
     let imagines = method.learns_model();
     move || {
-        let (sample, imagination) = rayon::join(
+        let (sample, imagination) = join(
             || {
                 Sample::draw(
                     replay.sample(rows, &mut batch_rng),

@@ -30,6 +30,27 @@ pub fn with_threads<T: Send>(
     Ok(result)
 }
 
+/// Runs two tasks side by side when there are two threads, one after the other otherwise.
+///
+/// The thread that is done first stays awake until the other one is.
+pub fn join<A: Send, B: Send>(
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    let done = AtomicBool::new(false);
+    rayon::join(
+        || {
+            let result = first();
+            look_for_work_until(&done);
+            result
+        },
+        || {
+            let _done = SetOnDrop(&done);
+            second()
+        },
+    )
+}
+
 /// Also a task that panics must let the waiting thread go.
 struct SetOnDrop<'a>(&'a AtomicBool);
 
@@ -39,19 +60,21 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// Takes up whatever other threads have to share. After a while without work it gives way to
-/// other processes between two looks.
+/// Takes up whatever there is to do, be it of this thread or another, until `done`. After a while
+/// without work it gives way to other processes between two looks.
 fn look_for_work_until(done: &AtomicBool) {
     const PATIENCE: u32 = 10_000;
     let mut idle = 0;
     while !done.load(Ordering::Acquire) {
         match rayon::yield_now() {
             Some(rayon::Yield::Executed) => idle = 0,
-            _ if idle < PATIENCE => {
+            // Outside a pool there is nothing to take up.
+            None => std::thread::yield_now(),
+            Some(rayon::Yield::Idle) if idle < PATIENCE => {
                 idle += 1;
                 std::hint::spin_loop();
             }
-            _ => std::thread::yield_now(),
+            Some(rayon::Yield::Idle) => std::thread::yield_now(),
         }
     }
 }
@@ -60,7 +83,7 @@ fn look_for_work_until(done: &AtomicBool) {
 /// threads.
 pub fn halves<T: Send>(rows: usize, task: impl Fn(Range<usize>) -> T + Sync) -> [T; 2] {
     let middle = rows / 2;
-    let (first, second) = rayon::join(|| task(0..middle), || task(middle..rows));
+    let (first, second) = join(|| task(0..middle), || task(middle..rows));
     [first, second]
 }
 

@@ -6,7 +6,7 @@ use crate::nn::{
     Gradient, Learner, Mlp, ObservationScaling, WeightError, Weights, column, matrix, rows_of,
     side_by_side, to_vec,
 };
-use crate::parallel::halves;
+use crate::parallel::{halves, join};
 use crate::random::Stream;
 use crate::replay::Batch;
 use burn::tensor::{Device, Tensor};
@@ -283,7 +283,7 @@ impl Td3 {
                     model_gradient(&imagination.model, &draws.model_batch, scaling)
                 });
         let model_loss = gradient.as_ref().map(Gradient::loss);
-        let (y, ()) = rayon::join(
+        let (y, ()) = join(
             || self.real_targets(batch, &sample.smoothing, scaling),
             || {
                 if let Some((imagination, gradient)) = imagination.as_mut().zip(gradient) {
@@ -467,7 +467,7 @@ impl Td3 {
             (loss, values)
         };
         let [critic1, critic2] = &mut self.critics;
-        let ((loss1, values), (loss2, _)) = rayon::join(|| step(critic1), || step(critic2));
+        let ((loss1, values), (loss2, _)) = join(|| step(critic1), || step(critic2));
         let q_mean = values[..rows].iter().sum::<f32>() / rows as f32;
         ([loss1, loss2], q_mean)
     }
@@ -489,7 +489,7 @@ impl Td3 {
             critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
         });
         let loss = gradient.loss();
-        rayon::join(
+        join(
             || {
                 self.actor.step(gradient);
                 self.target_actor.polyak(self.actor.mlp(), tau);

@@ -2,6 +2,7 @@
 
 use crate::agent::Policy;
 use crate::env::{self, Env, MakeError, Spec};
+use crate::parallel::join;
 use crate::random::Stream;
 use rand::SeedableRng;
 
@@ -97,7 +98,7 @@ impl Evaluator {
                 .collect()
         };
         let [even, odd] = &mut self.envs;
-        let (even, odd) = rayon::join(|| run(even, 0), || run(odd, 1));
+        let (even, odd) = join(|| run(even, 0), || run(odd, 1));
         let mut odd = odd.into_iter();
         Evaluation {
             episodes: even

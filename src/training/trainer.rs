@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::env::{self, Env, MakeError};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use crate::nn::{ObservationScaling, RunningMoments};
-use crate::parallel::with_threads;
+use crate::parallel::{join, with_threads};
 use crate::random::{Stream, stream};
 use crate::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
@@ -403,7 +403,7 @@ impl Trainer {
         let (rows, action_size) = (self.config.batch_size, self.env.spec().action_size);
         let (replay, streams) = (&self.replay, &mut self.streams);
         let imagines = self.agent.imagination().is_some();
-        let (sample, imagination) = rayon::join(
+        let (sample, imagination) = join(
             || {
                 Sample::draw(
                     replay.sample(rows, &mut streams.replay),
