@@ -12,6 +12,7 @@ use mamf::random::stream;
 use mamf::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
 use std::hint::black_box;
+use std::sync::mpsc;
 use std::time::Instant;
 
 const TASK: &str = "HalfCheetah-v4";
@@ -106,16 +107,28 @@ fn bench(criterion: &mut Criterion) {
         let mut group = criterion.benchmark_group(group);
         for method in [Method::Td3, Method::Mamf] {
             let mut update = updates(method);
-            group.bench_function(method.name(), |bencher| {
-                bencher.iter_custom(|iterations| {
-                    let timed = || {
+            // One pool for all samples, as in training: it gets the number of iterations to make
+            // and gives back the time they took.
+            let (orders, to_make) = mpsc::channel::<u64>();
+            let (done, times) = mpsc::channel();
+            let pool = std::thread::spawn(move || {
+                let work = || {
+                    for iterations in to_make {
                         let start = Instant::now();
                         (0..iterations).for_each(|_| update());
-                        start.elapsed()
-                    };
-                    with_threads(threads, timed).unwrap()
+                        done.send(start.elapsed()).unwrap();
+                    }
+                };
+                with_threads(threads, work).unwrap();
+            });
+            group.bench_function(method.name(), |bencher| {
+                bencher.iter_custom(|iterations| {
+                    orders.send(iterations).unwrap();
+                    times.recv().unwrap()
                 });
             });
+            drop(orders);
+            pool.join().unwrap();
         }
     }
 }
