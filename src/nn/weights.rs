@@ -44,6 +44,18 @@ impl Weights {
         self.0.keys().map(String::as_str)
     }
 
+    /// The first array that holds a number that is not finite.
+    pub fn not_finite(&self) -> Option<&str> {
+        let finite = |data: &TensorData| {
+            data.as_slice::<f32>()
+                .is_ok_and(|numbers| numbers.iter().all(|x| x.is_finite()))
+        };
+        self.0
+            .iter()
+            .find(|(_, data)| !finite(data))
+            .map(|(name, _)| name.as_str())
+    }
+
     /// The numbers of the array `name`, row by row.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 //! `weights.safetensors` holds every network by plain names (`actor.l1.weight`, `[inputs, outputs]`)
 //! and the observation scaling; `config.toml` the whole configuration; `checkpoint.json` the step.
 
-use crate::agent::{Policy, Td3};
+use crate::agent::Policy;
 use crate::config::{self, Config, ConfigError};
 use crate::env::Spec;
 use crate::nn::{Mlp, ObservationScaling, WeightError, Weights};
@@ -89,13 +89,12 @@ impl Checkpoint {
         config: &Config,
         step: u64,
         return_mean: Option<f64>,
-        agent: &Td3,
+        mut networks: Weights,
         scaling: &ObservationScaling,
     ) -> Result<(), CheckpointError> {
-        let mut weights = agent.weights();
-        scaling.save(&mut weights);
+        scaling.save(&mut networks);
         let metadata = HashMap::from([("task".to_owned(), config.task.clone())]);
-        let weights = weights
+        let weights = networks
             .to_bytes(metadata)
             .map_err(|error| damaged(path.join(WEIGHTS), error))?;
         let state = State {
