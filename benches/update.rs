@@ -1,19 +1,20 @@
 //! One update of TD3 and of MAMF (its model step included) at the sizes of HalfCheetah, batch and
 //! noise drawn from replay as in training.
 
+use burn::optim::{AdamConfig, GradientsParams};
 use criterion::{Criterion, criterion_group, criterion_main};
 use mamf::agent::{ImaginationDraws, Sample, Td3};
 use mamf::config::{Config, Method};
 use mamf::env;
 use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination};
-use mamf::nn::RunningMoments;
+use mamf::nn::{Backend, Learner, Mlp, RunningMoments, TrainableMlp, matrix};
 use mamf::parallel::{join, with_threads};
 use mamf::random::stream;
 use mamf::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
 use std::hint::black_box;
 use std::sync::mpsc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 const TASK: &str = "HalfCheetah-v4";
 const STORED: usize = 100_000;
@@ -133,5 +134,46 @@ fn bench(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, bench);
+/// One Adam step of a critic, its gradient given: ours and burn's.
+fn adam(criterion: &mut Criterion) {
+    const WIDTHS: [usize; 4] = [29, 256, 256, 1];
+    let device = Backend::Flex.device().autodiff();
+    let loss = |mlp: &TrainableMlp| {
+        let input = matrix(vec![0.1; 16 * WIDTHS[0]], WIDTHS[0], &device);
+        mlp.forward(input).sum()
+    };
+    let mlp = Mlp::new(&WIDTHS, &mut stream(0, "bench"));
+    let mut group = criterion.benchmark_group("adam");
+
+    let mut learner = Learner::new(mlp.clone(), 3e-4, &device);
+    group.bench_function("ours", |bencher| {
+        bencher.iter_custom(|iterations| {
+            let mut taken = Duration::ZERO;
+            for _ in 0..iterations {
+                let gradient = learner.differentiate(loss);
+                let start = Instant::now();
+                learner.step(gradient);
+                taken += start.elapsed();
+            }
+            taken
+        });
+    });
+    let mut module = Some(TrainableMlp::of(&mlp, &device));
+    let mut optimizer = AdamConfig::new().with_epsilon(1e-8).init();
+    group.bench_function("burn", |bencher| {
+        bencher.iter_custom(|iterations| {
+            let mut taken = Duration::ZERO;
+            for _ in 0..iterations {
+                let trained = module.take().unwrap();
+                let gradients = GradientsParams::from_grads(loss(&trained).backward(), &trained);
+                let start = Instant::now();
+                module = Some(optimizer.step(3e-4, trained, gradients));
+                taken += start.elapsed();
+            }
+            taken
+        });
+    });
+}
+
+criterion_group!(benches, bench, adam);
 criterion_main!(benches);

@@ -229,7 +229,7 @@ fn reproduces(name: &str) {
             agree(&label("eta"), &[imaginary.noise_bound as f32], &out("eta"));
             agree(
                 &label("model loss"),
-                &[imaginary.model_loss],
+                &[targets.model_loss.unwrap()],
                 &out("model_loss"),
             );
             agree(&label("a_hat"), &imaginary.action, &out("a_hat"));

@@ -167,3 +167,59 @@ impl DynamicsModel {
         .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::Backend;
+    use crate::random::stream;
+    use rand::RngExt;
+
+    const ROWS: usize = 64;
+
+    /// Rows of a linear system whose second coordinate never changes.
+    fn rows(rng: &mut Stream) -> [Vec<f32>; 3] {
+        let (mut obs, mut action, mut next) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..ROWS {
+            let [x, goal, v, a] = [(); 4].map(|()| rng.random_range(-1.0..1.0f32));
+            obs.extend([x, goal, v]);
+            action.push(a);
+            next.extend([x + 0.5 * v, goal, 0.5 * v + 0.5 * a]);
+        }
+        [obs, action, next]
+    }
+
+    #[test]
+    fn either_prediction_learns_what_is_not_known_and_leaves_the_rest() {
+        for predict in [Predict::NextState, Predict::Delta] {
+            let settings = ModelSettings {
+                hidden: vec![32],
+                learning_rate: 1e-2,
+                predict,
+            };
+            let shape = DynamicsShape {
+                obs_size: 3,
+                action_size: 1,
+                known: &[1],
+            };
+            let rng = &mut stream(7, "dynamics");
+            let mut model = DynamicsModel::new(&settings, shape, rng, &Backend::Flex.device());
+            let [obs, action, next] = rows(rng);
+            let before = model.error(&obs, &action, &next);
+            for _ in 0..400 {
+                let [obs, action, next] = rows(rng);
+                let gradient = model.differentiate(&obs, &action, &next);
+                model.step(gradient);
+            }
+            let after = model.error(&obs, &action, &next);
+            assert!(after < 0.02 * before, "{predict:?}: {before} to {after}");
+            let gradient = model.differentiate(&obs, &action, &next);
+            assert!(
+                (gradient.loss() - after).abs() < 1e-5,
+                "the error is the loss"
+            );
+            let predicted = model.predict(&obs, &action);
+            assert!((0..ROWS).all(|row| predicted[3 * row + 1] == obs[3 * row + 1]));
+        }
+    }
+}

@@ -1,8 +1,8 @@
 //! Adam in one pass over the parameters.
 //!
 //! burn's own Adam makes a dozen passes and as many temporaries a parameter; this one keeps its
-//! moments as plain slices, in the order in which the module visits its parameters, and was
-//! measured to take a quarter of the time (`benches/update.rs`, group `adam`).
+//! moments as plain slices, in the order in which the module visits its parameters. Group `adam` of
+//! `benches/update.rs` times both.
 
 use super::{Mlp, TrainableMlp};
 use burn::module::{Module, ModuleMapper, Param};

@@ -1,6 +1,7 @@
 //! A network with its optimiser.
 
-use super::{Adam, Mlp, TrainableMlp};
+use super::adam::Adam;
+use super::{Mlp, TrainableMlp};
 use crate::parallel::halves;
 use burn::module::Module;
 use burn::optim::GradientsParams;

@@ -13,7 +13,6 @@ mod tensors;
 mod trainable;
 mod weights;
 
-pub use adam::Adam;
 pub use coupling::Coupling;
 pub use learner::{Gradient, Learner};
 pub use mlp::Mlp;

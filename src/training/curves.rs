@@ -132,8 +132,10 @@ impl Interval {
         if let Some(loss) = figures.actor_loss {
             self.actor_loss.add(f64::from(loss));
         }
+        if let Some(loss) = figures.model_loss {
+            self.model_step(loss);
+        }
         if let Some(imagination) = figures.imagination {
-            self.model_step(imagination.model_loss);
             self.eta = Some(imagination.noise_bound);
             self.target_kept.add(imagination.by_target);
             self.uncertainty_kept.add(imagination.by_uncertainty);

@@ -2,12 +2,14 @@
 
 mod checkpoint;
 mod curves;
+mod error;
 mod evaluation;
 mod provenance;
 mod run_directory;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use error::TrainError;
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator};
 pub use run_directory::{RunDirectory, RunDirectoryError};
-pub use trainer::{Monitor, Outcome, Status, TrainError, Trainer};
+pub use trainer::{Monitor, Outcome, Status, Trainer};
