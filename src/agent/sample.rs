@@ -18,7 +18,7 @@ pub struct Sample {
 /// What imagination consumes besides.
 #[derive(Debug, Clone)]
 pub struct ImaginationDraws {
-    /// The batch of the model's step.
+    /// The batch of the model's step, of as many rows as the other one.
     pub model_batch: Batch,
     /// Standard normal draws of the imaginary actions' noise, `[n, action_size]`.
     pub action: Vec<f32>,

@@ -1,7 +1,7 @@
 //! The learned dynamics model.
 
 use super::{ModelSettings, Predict};
-use crate::nn::{Gradient, Learner, Mlp, WeightError, Weights, matrix, rows_of, side_by_side};
+use crate::nn::{Gradient, Learner, Mlp, WeightError, Weights, matrix, side_by_side};
 use crate::random::Stream;
 use burn::tensor::Device;
 
@@ -92,21 +92,23 @@ impl DynamicsModel {
         self.learner.mlp().save("model", weights);
     }
 
-    /// The gradient of `mean((f(s, a) - s')^2)` over rows and learned coordinates; `obs` and
-    /// `next_obs` scaled, `[n, obs_size]`, `action` `[n, action_size]`.
-    pub fn differentiate(&self, obs: &[f32], action: &[f32], next_obs: &[f32]) -> Gradient {
+    /// The gradient of the loss `mean((f(s, a) - s')^2)` over learned coordinates and a batch of
+    /// `batch_rows` rows, of which these are all or a part; `obs` and `next_obs` scaled,
+    /// `[n, obs_size]`, `action` `[n, action_size]`.
+    pub fn differentiate(
+        &self,
+        obs: &[f32],
+        action: &[f32],
+        next_obs: &[f32],
+        batch_rows: usize,
+    ) -> Gradient {
         let (so, sa, width) = (self.obs_size, self.action_size, self.learned.len());
-        let rows = obs.len() / so;
-        let target = self.targets(obs, next_obs);
         let device = self.learner.device();
-        let weight = 1.0 / (rows * width) as f64;
-        self.learner.differentiate_by_rows(rows, |mlp, range| {
-            let input = side_by_side(&[
-                (rows_of(obs, so, &range), so),
-                (rows_of(action, sa, &range), sa),
-            ]);
-            let target = rows_of(&target, width, &range).to_vec();
-            let error = mlp.forward(matrix(input, so + sa, device)) - matrix(target, width, device);
+        let input = matrix(side_by_side(&[(obs, so), (action, sa)]), so + sa, device);
+        let target = matrix(self.targets(obs, next_obs), width, device);
+        let weight = 1.0 / (batch_rows * width) as f64;
+        self.learner.differentiate(|mlp| {
+            let error = mlp.forward(input) - target;
             (error.clone() * error).sum() * weight
         })
     }
@@ -208,12 +210,12 @@ mod tests {
             let before = model.error(&obs, &action, &next);
             for _ in 0..400 {
                 let [obs, action, next] = rows(rng);
-                let gradient = model.differentiate(&obs, &action, &next);
+                let gradient = model.differentiate(&obs, &action, &next, ROWS);
                 model.step(gradient);
             }
             let after = model.error(&obs, &action, &next);
             assert!(after < 0.02 * before, "{predict:?}: {before} to {after}");
-            let gradient = model.differentiate(&obs, &action, &next);
+            let gradient = model.differentiate(&obs, &action, &next, ROWS);
             assert!(
                 (gradient.loss() - after).abs() < 1e-5,
                 "the error is the loss"

@@ -2,11 +2,9 @@
 
 use super::adam::Adam;
 use super::{Mlp, TrainableMlp};
-use crate::parallel::halves;
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor};
-use std::ops::Range;
 
 /// A network under training: the differentiable one, its Adam moments, and a copy to predict with
 /// that follows every step.
@@ -55,31 +53,22 @@ impl Learner {
 
     /// The gradient of `loss`, a scalar.
     pub fn differentiate(&self, loss: impl FnOnce(&TrainableMlp) -> Tensor<1>) -> Gradient {
-        Gradient(vec![differentiate(self.trainable(), loss)])
-    }
-
-    /// The gradient of a loss that is a sum over `rows` rows, taken in two halves side by side.
-    pub fn differentiate_by_rows(
-        &self,
-        rows: usize,
-        loss: impl Fn(&TrainableMlp, Range<usize>) -> Tensor<1> + Sync,
-    ) -> Gradient {
-        let parts = halves(rows, |range| {
-            // Leaves of its own: gradients through shared ones would wait for each other.
-            let module = self.trainable().valid().train();
-            differentiate(&module, |module| loss(module, range))
-        });
-        Gradient(parts.into())
+        // Leaves of its own: gradients through shared ones, taken on two threads, would wait for
+        // each other.
+        let module = self.trainable().valid().train();
+        let loss = loss(&module);
+        let parameters = GradientsParams::from_grads(loss.backward(), &module);
+        Gradient {
+            loss: loss.without_autodiff().into_scalar::<f32>(),
+            parts: vec![parameters],
+        }
     }
 
     /// One Adam step down `gradient`.
     pub fn step(&mut self, gradient: Gradient) {
-        let parts = gradient.0.into_iter().map(|(_, part)| part).collect();
         let (adam, mlp) = (&mut self.adam, &mut self.mlp);
-        self.trainable = self
-            .trainable
-            .take()
-            .map(|module| adam.step(module, parts, mlp));
+        let step = |module| adam.step(module, gradient.parts, mlp);
+        self.trainable = self.trainable.take().map(step);
     }
 
     fn trainable(&self) -> &TrainableMlp {
@@ -87,22 +76,23 @@ impl Learner {
     }
 }
 
-/// A loss and its gradient, as a sum of one or two parts.
-pub struct Gradient(Vec<(f32, GradientsParams)>);
+/// A loss and its gradient.
+pub struct Gradient {
+    loss: f32,
+    /// What adds up to the gradient.
+    parts: Vec<GradientsParams>,
+}
 
 impl Gradient {
     /// The loss.
     pub fn loss(&self) -> f32 {
-        self.0.iter().map(|(loss, _)| loss).sum()
+        self.loss
     }
-}
 
-/// The loss and its gradients by the parameters of `module`.
-fn differentiate(
-    module: &TrainableMlp,
-    loss: impl FnOnce(&TrainableMlp) -> Tensor<1>,
-) -> (f32, GradientsParams) {
-    let loss = loss(module);
-    let gradients = GradientsParams::from_grads(loss.backward(), module);
-    (loss.without_autodiff().into_scalar::<f32>(), gradients)
+    /// Loss and gradient of the sum of two losses of one network.
+    pub fn sum([mut first, second]: [Gradient; 2]) -> Gradient {
+        first.loss += second.loss;
+        first.parts.extend(second.parts);
+        first
+    }
 }

@@ -7,10 +7,12 @@ pub use targets::{ImaginaryTargets, Targets};
 
 use super::{Figures, Policy, Sample, Td3Settings};
 use crate::imagination::{DynamicsModel, Imagination};
-use crate::nn::{Gradient, Learner, Mlp, ObservationScaling, WeightError, Weights};
+use crate::nn::{Gradient, Learner, Mlp, ObservationScaling, WeightError, Weights, rows_of};
+use crate::parallel::halves;
 use crate::random::Stream;
 use crate::replay::Batch;
 use burn::tensor::Device;
+use std::ops::Range;
 
 /// Twin delayed deep deterministic policy gradient (Fujimoto et al. 2018) with action coupling;
 /// with an [`Imagination`] it is MAMF (paper, Algorithm 1, lines 18 to 26).
@@ -166,7 +168,10 @@ impl Td3 {
     /// One step of the dynamics model alone (phase 1). Returns its loss; none without a model.
     pub fn train_model(&mut self, batch: &Batch, scaling: &ObservationScaling) -> Option<f32> {
         let model = &mut self.imagination.as_mut()?.model;
-        let gradient = model_gradient(model, batch, scaling);
+        let parts = halves(batch.rows, |range| {
+            model_gradient(model, batch, range, scaling)
+        });
+        let gradient = Gradient::sum(parts);
         let loss = gradient.loss();
         model.step(gradient);
         Some(loss)
@@ -192,8 +197,16 @@ impl Td3 {
     }
 }
 
-/// The gradient of the dynamics model's loss on `batch`.
-fn model_gradient(model: &DynamicsModel, batch: &Batch, scaling: &ObservationScaling) -> Gradient {
-    let (obs, next) = (scaling.scale(&batch.obs), scaling.scale(&batch.next_obs));
-    model.differentiate(&obs, &batch.action, &next)
+/// What the rows `range` of `batch` add to the gradient of the dynamics model's loss.
+fn model_gradient(
+    model: &DynamicsModel,
+    batch: &Batch,
+    range: Range<usize>,
+    scaling: &ObservationScaling,
+) -> Gradient {
+    let size = scaling.size();
+    let obs = scaling.scale(rows_of(&batch.obs, size, &range));
+    let next_obs = scaling.scale(rows_of(&batch.next_obs, size, &range));
+    let action = rows_of(&batch.action, batch.action.len() / batch.rows, &range);
+    model.differentiate(&obs, action, &next_obs, batch.rows)
 }

@@ -2,8 +2,8 @@
 
 use super::{Targets, Td3};
 use crate::agent::{Figures, ImaginationFigures};
-use crate::nn::{Learner, column, matrix, rows_of, side_by_side, to_vec};
-use crate::parallel::join;
+use crate::nn::{Gradient, Learner, column, matrix, rows_of, side_by_side, to_vec};
+use crate::parallel::{halves, join};
 use crate::replay::Batch;
 use burn::tensor::Tensor;
 
@@ -76,13 +76,15 @@ impl Td3 {
         let critic = self.critics[0].frozen();
         let coupling = self.settings.coupling;
         let tau = self.settings.tau;
-        let gradient = self.actor.differentiate_by_rows(rows, |actor, range| {
-            let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
-            let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
-            let output = coupling.output(actor.forward(observed.clone()));
-            let action = coupling.execute(output, matrix(previous, sa, &training));
-            critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
-        });
+        let gradient = Gradient::sum(halves(rows, |range| {
+            self.actor.differentiate(|actor| {
+                let observed = matrix(rows_of(observed, width, &range).to_vec(), width, &training);
+                let previous = rows_of(&batch.previous_action, sa, &range).to_vec();
+                let output = coupling.output(actor.forward(observed.clone()));
+                let action = coupling.execute(output, matrix(previous, sa, &training));
+                critic.forward(Tensor::cat(vec![observed, action], 1)).sum() * (-1.0 / rows as f64)
+            })
+        }));
         let loss = gradient.loss();
         join(
             || {

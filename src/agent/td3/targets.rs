@@ -5,7 +5,6 @@ use crate::agent::Sample;
 use crate::imagination::{Imagination, Kept};
 use crate::nn::{Gradient, ObservationScaling, rows_of, side_by_side};
 use crate::parallel::{halves, join};
-use crate::replay::Batch;
 use std::ops::Range;
 
 /// What the critics of one update are trained towards.
@@ -51,28 +50,33 @@ impl Td3 {
         let obs = scaling.scale(&batch.obs);
         let observed = self.observe(&obs, &batch.previous_action);
 
-        // The gradient takes both threads; applying it leaves one for the real targets, which do
-        // not need the model.
+        // The real targets don't need the model: each thread takes half of both.
         let mut imagination = self.imagination.take();
-        let gradient =
-            imagination
-                .as_ref()
-                .zip(sample.imagination.as_ref())
-                .map(|(imagination, draws)| {
-                    model_gradient(&imagination.model, &draws.model_batch, scaling)
-                });
-        let model_loss = gradient.as_ref().map(Gradient::loss);
-        let (y, ()) = join(
-            || self.real_targets(batch, &sample.smoothing, scaling),
-            || {
-                if let Some((imagination, gradient)) = imagination.as_mut().zip(gradient) {
-                    imagination.model.step(gradient);
-                }
-            },
-        );
-        let imaginary = imagination.as_mut().map(|imagination| {
-            self.imaginary_targets(imagination, sample, &obs, &observed, &y, scaling)
+        let imagining = imagination.as_ref().zip(sample.imagination.as_ref());
+        let [first, second] = halves(batch.rows, |range| {
+            let gradient = imagining.map(|(imagination, draws)| {
+                let model = &imagination.model;
+                model_gradient(model, &draws.model_batch, range.clone(), scaling)
+            });
+            (gradient, self.real_targets(sample, range, scaling))
         });
+        let y = [first.1, second.1].concat();
+        let gradient = first
+            .0
+            .zip(second.0)
+            .map(|(first, second)| Gradient::sum([first, second]));
+
+        let model_loss = gradient.as_ref().map(Gradient::loss);
+        let imaginary = imagination
+            .as_mut()
+            .zip(gradient)
+            .map(|(imagination, gradient)| {
+                let ((), policy) = join(
+                    || imagination.model.step(gradient),
+                    || self.actor.mlp().forward(&observed),
+                );
+                self.imaginary_targets(imagination, sample, &obs, &policy, &y, scaling)
+            });
         self.imagination = imagination;
         Targets {
             observed,
@@ -82,32 +86,29 @@ impl Td3 {
         }
     }
 
-    /// `y = r + gamma (1 - d) min(Q1', Q2')(s', a')` (equation 4).
+    /// `y = r + gamma (1 - d) min(Q1', Q2')(s', a')` (equation 4) of the rows `range`.
     fn real_targets(
         &self,
-        batch: &Batch,
-        smoothing: &[f32],
+        sample: &Sample,
+        range: Range<usize>,
         scaling: &ObservationScaling,
     ) -> Vec<f32> {
-        let [first, second] = halves(batch.rows, |range| {
-            let next = scaling.scale(rows_of(&batch.next_obs, self.obs_size, &range));
-            let action = rows_of(&batch.action, self.action_size, &range);
-            let bootstrap =
-                self.bootstrap(&next, action, rows_of(smoothing, self.action_size, &range));
-            let (reward, terminated) = (&batch.reward[range.clone()], &batch.terminated[range]);
-            self.backup(reward, terminated, &bootstrap.value)
-        });
-        [first, second].concat()
+        let (batch, sa) = (&sample.batch, self.action_size);
+        let next = scaling.scale(rows_of(&batch.next_obs, self.obs_size, &range));
+        let action = rows_of(&batch.action, sa, &range);
+        let bootstrap = self.bootstrap(&next, action, rows_of(&sample.smoothing, sa, &range));
+        let (reward, terminated) = (&batch.reward[range.clone()], &batch.terminated[range]);
+        self.backup(reward, terminated, &bootstrap.value)
     }
 
     /// Imaginary actions, where they lead, their targets and which of them are kept (equations 7
-    /// to 9).
+    /// to 9). `policy` is what the online actor's network gives for the batch.
     fn imaginary_targets(
         &self,
         imagination: &mut Imagination,
         sample: &Sample,
         obs: &[f32],
-        observed: &[f32],
+        policy: &[f32],
         y: &[f32],
         scaling: &ObservationScaling,
     ) -> ImaginaryTargets {
@@ -117,19 +118,18 @@ impl Td3 {
             .as_ref()
             .expect("an agent that imagines is given draws");
         let noise_bound = imagination.noise_bound();
-        let (so, sa, width) = (self.obs_size, self.action_size, observed.len() / batch.rows);
+        let (so, sa) = (self.obs_size, self.action_size);
         let coupling = self.settings.coupling;
 
         let half = |range: Range<usize>| {
             let rows = |data, width| rows_of(data, width, &range);
-            let mut action = self.actor.mlp().forward(rows(observed, width));
+            let mut action = rows(policy, sa).to_vec();
             coupling.output_in_place(&mut action);
             let bound = noise_bound as f32;
             for (u, z) in action.iter_mut().zip(rows(&draws.action, sa)) {
                 *u += z.clamp(-bound, bound);
             }
-            let previous = rows(&batch.previous_action, sa);
-            coupling.execute_in_place(&mut action, previous);
+            coupling.execute_in_place(&mut action, rows(&batch.previous_action, sa));
             let imagined =
                 imagination.imagine(rows(&batch.obs, so), rows(obs, so), &action, scaling);
             let bootstrap = self.bootstrap(&imagined.next_obs, &action, rows(&draws.smoothing, sa));
