@@ -1,15 +1,9 @@
 //! The `mamf` binary: parse, dispatch, map errors to exit codes.
 
 use clap::Parser;
-use mamf::cli::{Cli, exit_code};
+use mamf::cli::{Cli, report};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match Cli::parse().run() {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            exit_code(&error)
-        }
-    }
+    Cli::parse().run().unwrap_or_else(|error| report(&error))
 }

@@ -6,6 +6,7 @@ use crate::random::stream;
 use crate::training::{Checkpoint, Evaluation, Evaluator};
 use anyhow::Context;
 use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -43,24 +44,36 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let episodes = args.episodes as usize;
     let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
 
-    let e = &evaluation;
-    println!(
-        "{task}, {} after {} steps",
-        checkpoint.config.method.name(),
-        checkpoint.step
-    );
-    println!("episodes  {}", e.episodes.len());
-    println!("return    {:.2} +- {:.2}", e.return_mean(), e.return_std());
-    println!("range     {:.2} to {:.2}", e.return_min(), e.return_max());
-    println!("length    {:.1}", e.length_mean());
-    let diverged = e.episodes.iter().filter(|episode| episode.diverged).count();
-    if diverged > 0 {
-        println!("diverged  {diverged}");
-    }
+    report(&checkpoint, &evaluation)?;
     if let (Some(writer), Some(path)) = (csv, &args.csv) {
-        write(writer, e).with_context(|| format!("{}: can't write", path.display()))?;
+        write(writer, &evaluation).with_context(|| format!("{}: can't write", path.display()))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn report(checkpoint: &Checkpoint, e: &Evaluation) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let (task, method) = (&checkpoint.config.task, checkpoint.config.method.name());
+    writeln!(out, "{task}, {method} after {} steps", checkpoint.step)?;
+    writeln!(out, "episodes  {}", e.episodes.len())?;
+    writeln!(
+        out,
+        "return    {:.2} +- {:.2}",
+        e.return_mean(),
+        e.return_std()
+    )?;
+    writeln!(
+        out,
+        "range     {:.2} to {:.2}",
+        e.return_min(),
+        e.return_max()
+    )?;
+    writeln!(out, "length    {:.1}", e.length_mean())?;
+    let diverged = e.episodes.iter().filter(|episode| episode.diverged).count();
+    if diverged > 0 {
+        writeln!(out, "diverged  {diverged}")?;
+    }
+    Ok(())
 }
 
 /// Creates the table of episodes, but never over an existing file.

@@ -10,6 +10,7 @@ use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
 use crate::training::{CheckpointError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Exit code of a run that failed.
@@ -48,7 +49,7 @@ impl Cli {
     /// Runs the subcommand.
     ///
     /// # Errors
-    /// Whatever the user should read; see [`exit_code`].
+    /// Whatever the user should read; see [`report`].
     pub fn run(self) -> anyhow::Result<ExitCode> {
         match self.command {
             Command::Train(args) => train::run(&args),
@@ -64,8 +65,24 @@ impl Cli {
 #[error("{0}")]
 struct Misuse(String);
 
+/// Writes a line to standard error; nobody listening there is no reason to fail.
+fn tell(message: &str) {
+    let _ = writeln!(std::io::stderr(), "{message}");
+}
+
+/// Tells the user of `error` and returns the code to end the process with.
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    let closed = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
+    if error.downcast_ref().is_some_and(closed) {
+        // The reader of our output has seen enough, as in `mamf envs | head`.
+        return ExitCode::SUCCESS;
+    }
+    tell(&format!("error: {error:#}"));
+    exit_code(error)
+}
+
 /// The exit code an error ends the process with: 2 for wrong usage or configuration, 1 otherwise.
-pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+fn exit_code(error: &anyhow::Error) -> ExitCode {
     let misused = error.chain().any(|cause| {
         cause.is::<ConfigError>()
             || cause.is::<UnknownTask>()

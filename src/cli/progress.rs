@@ -1,8 +1,10 @@
 //! The progress of a training run on the terminal; nothing where there is none.
 
+use super::tell;
 use crate::config::Config;
 use crate::training::{Monitor, Status};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use std::fmt::Write;
 use std::io::IsTerminal;
 
 /// A bar with steps per second, time left and the last evaluation.
@@ -20,9 +22,13 @@ impl Progress {
             ProgressDrawTarget::hidden()
         };
         let style = ProgressStyle::with_template(
-            "{prefix} {wide_bar} {human_pos}/{human_len} steps  {per_sec}  {eta} left  {msg}",
+            "{prefix} {wide_bar} {human_pos}/{human_len} steps  {rate} steps/s  {eta} left  {msg}",
         )
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+        .with_key("rate", |state: &ProgressState, out: &mut dyn Write| {
+            // A failed write of a number to the terminal is nothing to stop a run for.
+            let _ = write!(out, "{:.0}", state.per_sec());
+        });
         let bar = ProgressBar::with_draw_target(Some(config.steps), target).with_style(style);
         bar.set_prefix(format!("{} {}", config.task, config.method.name()));
         Progress { bar, shown: None }
@@ -46,6 +52,6 @@ impl Monitor for Progress {
     }
 
     fn note(&mut self, message: &str) {
-        self.bar.suspend(|| eprintln!("note: {message}"));
+        self.bar.suspend(|| tell(&format!("note: {message}")));
     }
 }

@@ -1,11 +1,12 @@
 //! `mamf train`
 
-use super::INTERRUPTED;
 use super::progress::Progress;
+use super::{INTERRUPTED, tell};
 use crate::config::{self, Overrides};
 use crate::training::{Outcome, RunDirectory, Trainer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -72,15 +73,13 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     progress.finish();
     match outcome? {
         Outcome::Finished => {
-            println!("finished: {}", path.display());
+            writeln!(std::io::stdout(), "finished: {}", path.display())?;
             Ok(ExitCode::SUCCESS)
         }
         Outcome::Interrupted(step) => {
             let checkpoint = path.join("checkpoints").join("last");
-            eprintln!(
-                "interrupted after step {step}; saved {}",
-                checkpoint.display()
-            );
+            let saved = checkpoint.display();
+            tell(&format!("interrupted after step {step}; saved {saved}"));
             Ok(ExitCode::from(INTERRUPTED))
         }
     }

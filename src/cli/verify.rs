@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let code = match verification::verify(&args.directory, args.task.as_deref()) {
         Ok(report) => print(&report)?,
         Err(error @ (UnusableInput::Directory { .. } | UnusableInput::Empty { .. })) => {
-            eprintln!("error: {error}");
+            super::tell(&format!("error: {error}"));
             UNUSABLE
         }
     };
@@ -68,12 +68,14 @@ fn print(report: &Report) -> std::io::Result<u8> {
     for summary in report.summaries.iter().filter(|s| !s.within_tolerance()) {
         let path = summary.path.display();
         match summary.diverged {
-            0 => eprintln!("error: {path}: not reproduced within tolerance"),
-            n => eprintln!("error: {path}: the simulation diverged at {n} steps"),
+            0 => super::tell(&format!("error: {path}: not reproduced within tolerance")),
+            n => super::tell(&format!(
+                "error: {path}: the simulation diverged at {n} steps"
+            )),
         }
     }
     for failure in &report.failures {
-        eprintln!("error: {failure}");
+        super::tell(&format!("error: {failure}"));
     }
     Ok(if report.passed() { PASSED } else { FAILED })
 }
