@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Makes the learning curves under results/: each run's configuration, provenance and curves, and
-# one picture. Takes about a quarter of an hour on two cores.
+# one picture. Takes about ten minutes on two cores.
 #
-#   scripts/results.sh [SEED...]      (seeds 0 and 1 unless told otherwise)
+#   scripts/results.sh [SEED...]      (seed 0 unless told otherwise)
 #
 # Runs that stand under results/ already are left alone; remove them to make them anew. The picture
 # needs the Python packages of scripts/requirements.txt.
@@ -37,7 +37,7 @@ one() {
 }
 export -f one
 
-[ $# -gt 0 ] || set -- 0 1
+[ $# -gt 0 ] || set -- 0
 # One thread a run and one run a core: more steps a second in all than two threads a run.
 runs "$@" | xargs -P "$(nproc)" -d '\n' -I{} bash -c 'one "{}"'
 python3 scripts/plot.py results --out results/curves.png
