@@ -1,0 +1,658 @@
+//! `mamf train` and `mamf eval`, end to end.
+
+mod common;
+
+use common::{Place, config, small_run, stderr};
+use safetensors::tensor::{Dtype, SafeTensors};
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+const EVAL_HEADER: &str =
+    "step,episodes,return_mean,return_std,return_min,return_max,length_mean,success_rate";
+const TRAIN_HEADER: &str = "step,episodes,return_mean,length_mean,diverged,updates,critic_loss,\
+    actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept";
+const TIMING_HEADER: &str =
+    "step,seconds,steps_per_second,environment_seconds,update_seconds,evaluation_seconds";
+
+// ---------------------------------------------------------------------------------------------
+// Sameness
+// ---------------------------------------------------------------------------------------------
+
+/// Both curves of a run.
+fn curves(place: &Place, run: &str) -> [String; 2] {
+    ["train.csv", "eval.csv"].map(|file| place.read(&format!("{run}/{file}")))
+}
+
+/// The curves of a small run with `threads` threads and `seed`.
+fn curves_of(name: &str, threads: u32, seed: u32, settings: &[&str]) -> [String; 2] {
+    let place = Place::new();
+    let mut arguments = small_run(name, "run", settings);
+    arguments.extend(["--threads".into(), threads.to_string()]);
+    arguments.extend(["--seed".into(), seed.to_string()]);
+    place.succeed(&arguments);
+    curves(&place, "run")
+}
+
+#[test]
+fn a_seed_gives_the_same_bytes_with_any_number_of_threads() {
+    for name in ["hopper", "reacher", "inverted_pendulum"] {
+        for method in ["method=mamf", "method=td3"] {
+            let once = curves_of(name, 1, 0, &[method]);
+            assert_eq!(once, curves_of(name, 1, 0, &[method]), "{name} {method}");
+            assert_eq!(once, curves_of(name, 2, 0, &[method]), "{name} {method}");
+            assert_eq!(once, curves_of(name, 3, 0, &[method]), "{name} {method}");
+        }
+    }
+}
+
+#[test]
+fn networks_of_the_published_size_too_give_the_same_bytes() {
+    let settings = [
+        "random_steps=300",
+        "batch_size=256",
+        "networks.hidden=[256, 256]",
+        "model.hidden=[256, 256, 256]",
+    ];
+    for method in ["method=mamf", "method=td3"] {
+        let settings = [&settings[..], &[method]].concat();
+        let once = curves_of("half_cheetah", 1, 0, &settings);
+        assert_eq!(once, curves_of("half_cheetah", 2, 0, &settings), "{method}");
+    }
+}
+
+#[test]
+fn another_seed_or_method_gives_other_curves() {
+    let mamf = curves_of("hopper", 2, 0, &["method=mamf"]);
+    let other_seed = curves_of("hopper", 2, 1, &["method=mamf"]);
+    let td3 = curves_of("hopper", 2, 0, &["method=td3"]);
+    for file in 0..2 {
+        assert_ne!(mamf[file], other_seed[file]);
+        assert_ne!(mamf[file], td3[file]);
+    }
+}
+
+#[test]
+fn each_component_can_be_switched() {
+    let full = curves_of("hopper", 2, 0, &[]);
+    for switch in [
+        "optimism",
+        "noise_decay",
+        "target_filter",
+        "uncertainty_filter",
+    ] {
+        let setting = format!("imagination.{switch}=false");
+        assert_ne!(full, curves_of("hopper", 2, 0, &[&setting]), "{switch}");
+    }
+}
+
+// ---------------------------------------------------------------------------------------------
+// The run directory
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn a_run_directory_holds_what_it_should() {
+    let place = Place::new();
+    let printed = place.succeed(&small_run("hopper", "run", &[]));
+    assert_eq!(printed, "finished: run\n");
+
+    let files: Vec<String> = place
+        .contents("run")
+        .into_keys()
+        .filter(|path| path.is_file())
+        .map(|path| path.strip_prefix(place.path("run")).unwrap().to_owned())
+        .map(|path| path.to_str().unwrap().to_owned())
+        .collect();
+    let checkpoint = ["checkpoint.json", "config.toml", "weights.safetensors"];
+    let mut expected: Vec<String> = ["best", "last"]
+        .iter()
+        .flat_map(|name| checkpoint.map(|file| format!("checkpoints/{name}/{file}")))
+        .collect();
+    expected.extend(
+        [
+            "config.toml",
+            "eval.csv",
+            "run.json",
+            "timing.csv",
+            "train.csv",
+        ]
+        .map(str::to_owned),
+    );
+    assert_eq!(files, expected);
+
+    for (file, header, first_step) in [
+        ("eval.csv", EVAL_HEADER, 0),
+        ("train.csv", TRAIN_HEADER, 100),
+        ("timing.csv", TIMING_HEADER, 100),
+    ] {
+        let text = place.read(&format!("run/{file}"));
+        let mut lines = text.lines();
+        assert_eq!(lines.next(), Some(header), "{file}");
+        let steps: Vec<u64> = lines
+            .map(|line| line.split(',').next().unwrap().parse().unwrap())
+            .collect();
+        let expected: Vec<u64> = (first_step..=400).step_by(100).collect();
+        assert_eq!(steps, expected, "{file}");
+    }
+
+    let run: serde_json::Value = serde_json::from_str(&place.read("run/run.json")).unwrap();
+    assert_eq!(run["mamf"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(run["command"][1], "train");
+    for key in ["mujoco", "rustc", "started"] {
+        assert!(run[key].is_string(), "{key}: {run}");
+    }
+
+    let state = place.read("run/checkpoints/last/checkpoint.json");
+    let state: serde_json::Value = serde_json::from_str(&state).unwrap();
+    assert_eq!(state["step"], 400);
+    assert_eq!(state["task"], "Hopper-v4");
+    assert_eq!(state["method"], "mamf");
+    assert_eq!(
+        place.read("run/checkpoints/best/config.toml"),
+        place.read("run/config.toml")
+    );
+}
+
+#[test]
+fn the_resolved_configuration_makes_the_same_run_again() {
+    let place = Place::new();
+    place.train("reacher", "run", &["seed=5", "action_coupling=0.5"]);
+    place.succeed(&["train", "--config", "run/config.toml", "--out", "again"]);
+    for file in ["config.toml", "train.csv", "eval.csv"] {
+        let read = |run| place.read(&format!("{run}/{file}"));
+        assert_eq!(read("run"), read("again"), "{file}");
+    }
+}
+
+#[test]
+fn a_run_goes_to_a_directory_named_after_task_method_and_seed() {
+    let place = Place::new();
+    let mut arguments = small_run("hopper", "", &["steps=5"]);
+    arguments.retain(|argument| argument != "--out" && !argument.is_empty());
+    arguments.extend(["--seed".into(), "7".into()]);
+    let output = place.run(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(place.path("runs/Hopper-v4/mamf/seed-7/eval.csv").is_file());
+    // A run that ends before phase 2 is no mistake, but worth a word.
+    assert!(
+        stderr(&output).starts_with("note: 5 steps end inside phase 1"),
+        "{output:?}"
+    );
+}
+
+/// Name and shape of every array in a checkpoint; all are finite 32-bit floats.
+fn arrays(place: &Place, checkpoint: &str) -> BTreeMap<String, Vec<usize>> {
+    let path = place.path(&format!("{checkpoint}/weights.safetensors"));
+    let bytes = fs::read(path).unwrap();
+    let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
+    let metadata = header.metadata().clone().unwrap();
+    assert_eq!(metadata["task"], "Hopper-v4");
+    let arrays = SafeTensors::deserialize(&bytes).unwrap();
+    arrays
+        .tensors()
+        .into_iter()
+        .map(|(name, view)| {
+            assert_eq!(view.dtype(), Dtype::F32, "{name}");
+            let finite = view
+                .data()
+                .chunks_exact(4)
+                .all(|b| f32::from_le_bytes(b.try_into().unwrap()).is_finite());
+            assert!(finite, "{name}");
+            (name, view.shape().to_vec())
+        })
+        .collect()
+}
+
+/// The arrays of a perceptron with layers of these `widths`, input first.
+fn perceptron(name: &str, widths: &[usize]) -> BTreeMap<String, Vec<usize>> {
+    let layers = widths.windows(2).zip(1..);
+    layers
+        .flat_map(|(pair, l)| {
+            [
+                (format!("{name}.l{l}.weight"), pair.to_vec()),
+                (format!("{name}.l{l}.bias"), vec![pair[1]]),
+            ]
+        })
+        .collect()
+}
+
+#[test]
+fn weights_have_plain_names_and_documented_shapes() {
+    const OBS: usize = 11;
+    const ACTION: usize = 3;
+    let place = Place::new();
+    for (run, settings, previous_action, model) in [
+        ("mamf", ["method=mamf", "action_coupling=0.7"], ACTION, true),
+        ("td3", ["method=td3", "action_coupling=1"], 0, false),
+    ] {
+        place.train("hopper", run, &settings);
+        let mut expected = BTreeMap::from([
+            ("scaling.mean".to_owned(), vec![OBS]),
+            ("scaling.deviation".to_owned(), vec![OBS]),
+            ("scaling.clip".to_owned(), vec![1]),
+        ]);
+        let observed = OBS + previous_action;
+        for name in ["actor", "target_actor"] {
+            expected.extend(perceptron(name, &[observed, 32, 32, ACTION]));
+        }
+        for name in ["critic1", "critic2", "target_critic1", "target_critic2"] {
+            expected.extend(perceptron(name, &[observed + ACTION, 32, 32, 1]));
+        }
+        if model {
+            expected.extend(perceptron("model", &[OBS + ACTION, 32, 32, 32, OBS]));
+        }
+        assert_eq!(arrays(&place, &format!("{run}/checkpoints/last")), expected);
+    }
+}
+
+#[test]
+fn force_replaces_a_run_and_nothing_else() {
+    let place = Place::new();
+    place.train("reacher", "run", &[]);
+    let first = curves(&place, "run");
+    let mut again = small_run("reacher", "run", &["seed=1"]);
+    again.push("--force".into());
+    place.succeed(&again);
+    assert_ne!(first, curves(&place, "run"));
+
+    fs::create_dir(place.path("mine")).unwrap();
+    place.write("mine/letter.txt", "dear all");
+    let mut other = small_run("reacher", "mine", &[]);
+    other.push("--force".into());
+    place.refuse(2, &other, &["mine", "no run directory"]);
+}
+
+// ---------------------------------------------------------------------------------------------
+// Evaluation
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn eval_takes_a_run_or_a_checkpoint_and_repeats_itself() {
+    let place = Place::new();
+    place.train("hopper", "run", &[]);
+    let eval = |checkpoint: &str, more: &[&str]| {
+        place.succeed(&[&["eval", "--checkpoint", checkpoint], more].concat())
+    };
+
+    let run = eval("run", &[]);
+    assert!(
+        run.starts_with("Hopper-v4, mamf after 400 steps\nepisodes  10\n"),
+        "{run}"
+    );
+    assert_eq!(run, eval("run", &[]));
+    assert_eq!(run, eval("run/checkpoints/last", &["--task", "Hopper-v4"]));
+    assert_eq!(run, eval("run", &["--seed", "0", "--episodes", "10"]));
+    assert_ne!(run, eval("run", &["--seed", "1"]));
+
+    let best = eval("run/checkpoints/best", &["--episodes", "3"]);
+    assert!(best.contains("\nepisodes  3\n"), "{best}");
+    let saved = place.read("run/checkpoints/best/checkpoint.json");
+    let saved: serde_json::Value = serde_json::from_str(&saved).unwrap();
+    let step = format!("mamf after {} steps", saved["step"]);
+    assert!(best.contains(&step), "{best}");
+}
+
+#[test]
+fn eval_writes_a_row_an_episode_to_a_new_file() {
+    let place = Place::new();
+    place.train("reacher", "run", &[]);
+    let arguments = [
+        "eval",
+        "--checkpoint",
+        "run",
+        "--episodes",
+        "3",
+        "--csv",
+        "e.csv",
+    ];
+    let printed = place.succeed(&arguments);
+    let text = place.read("e.csv");
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("episode,return,length,diverged"));
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 3);
+    let returns = rows.iter().map(|row| row[1].parse::<f64>().unwrap());
+    let mean = returns.sum::<f64>() / 3.0;
+    assert!(printed.contains(&format!("return    {mean:.2} +-")));
+    for (i, row) in rows.iter().enumerate() {
+        assert_eq!([row[0], row[2], row[3]], [&i.to_string(), "50", "false"]);
+    }
+    place.refuse(2, &arguments, &["--csv e.csv", "must be a new file"]);
+}
+
+// ---------------------------------------------------------------------------------------------
+// Bad input
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
+    let place = Place::new();
+    for (setting, parts) in [
+        ("batchsize=3", &["`batchsize`", "`batch_size`"][..]),
+        (
+            "imagination.target_fliter=false",
+            &["`imagination.target_filter`"],
+        ),
+        ("task=Hoper-v4", &["\"Hoper-v4\"", "\"Hopper-v4\""]),
+        ("method=ppo", &["`method`", "\"ppo\"", "`mamf`", "`td3`"]),
+        ("steps=many", &["`steps`", "\"many\"", "whole number"]),
+        ("steps=-5", &["`steps`", "-5", "not negative"]),
+        ("steps=0", &["`steps`", "at least 1"]),
+        ("seed=-1", &["`seed`", "-1", "not negative"]),
+        (
+            "networks.hidden=256",
+            &["`networks.hidden`", "list of whole numbers"],
+        ),
+        (
+            "imagination.optimism=1",
+            &["`imagination.optimism`", "true or false"],
+        ),
+        ("discount=1.5", &["`discount`", "1.5", "from 0 to 1"]),
+        ("action_coupling=0", &["`action_coupling`", "above 0"]),
+        ("tau=2", &["`tau`", "2", "at most 1"]),
+        (
+            "imagination.decay_rate=1.1",
+            &["`imagination.decay_rate`", "1.1", "at most 1"],
+        ),
+        (
+            "imagination.decay_rate=0",
+            &["`imagination.decay_rate`", "above 0"],
+        ),
+        ("batch_size=0", &["`batch_size`", "at least 1"]),
+        ("batch_size=201", &["`batch_size`", "201", "200"]),
+        ("model_start=201", &["`model_start`", "201", "200"]),
+        ("evaluation.every=0", &["`evaluation.every`", "at least 1"]),
+        (
+            "evaluation.episodes=0",
+            &["`evaluation.episodes`", "at least 1"],
+        ),
+        ("checkpoint.every=0", &["`checkpoint.every`", "at least 1"]),
+        ("compute.threads=0", &["`compute.threads`", "from 1"]),
+        (
+            "compute.backend=gpu",
+            &["`compute.backend`", "`flex`", "`ndarray`"],
+        ),
+        ("imagination", &["--set imagination", "KEY=VALUE"]),
+    ] {
+        // The message names the option the value came from, not the file.
+        let origin = format!("--set {setting}");
+        let parts = [parts, &[&origin]].concat();
+        place.refuse(2, &small_run("hopper", "out", &[setting]), &parts);
+    }
+}
+
+#[test]
+fn configurations_that_are_wrong_are_refused_by_file_and_key() {
+    let place = Place::new();
+    let task = "task = \"Hopper-v4\"\n";
+    for (text, parts) in [
+        ("seed = 1\n".to_owned(), &["missing key `task`"][..]),
+        (format!("{task}steps = \n"), &["not valid TOML", "line 2"]),
+        (format!("{task}[replay\n"), &["not valid TOML", "line 2"]),
+        (format!("{task}{task}"), &["not valid TOML", "duplicate"]),
+        (
+            format!("{task}batch_sise = 3\n"),
+            &["`batch_sise`", "`batch_size`"],
+        ),
+        (
+            format!("{task}[imagination]\nrho = 0.9\ndecay_rat = 0.9\n"),
+            &["unknown key `imagination."],
+        ),
+        (format!("{task}steps = -1\n"), &["`steps`", "not negative"]),
+        (
+            format!("{task}steps = \"1000\"\n"),
+            &["`steps`", "whole number"],
+        ),
+        (format!("{task}imagination = true\n"), &["[imagination]"]),
+        (
+            format!("{task}[imagination]\ndecay_rate = 1.5\n"),
+            &["`imagination.decay_rate`", "1.5"],
+        ),
+        (
+            "task = \"Humanoid\"\n".to_owned(),
+            &["\"Humanoid\"", "\"Humanoid-v4\""],
+        ),
+        ("task = 3\n".to_owned(), &["`task`", "a string"]),
+    ] {
+        place.write("wrong.toml", text);
+        let parts = [&["wrong.toml"], parts].concat();
+        place.refuse(
+            2,
+            &["train", "--config", "wrong.toml", "--out", "out"],
+            &parts,
+        );
+    }
+    for (path, parts) in [
+        ("none.toml", ["none.toml", "No such file"]),
+        (".", [".: can't read", "directory"]),
+    ] {
+        place.refuse(2, &["train", "--config", path, "--out", "out"], &parts);
+    }
+    place.write("binary.toml", [0xff, 0xfe, 0x00]);
+    place.refuse(2, &["train", "--config", "binary.toml"], &["binary.toml"]);
+}
+
+#[test]
+fn wrong_usage_is_refused() {
+    let place = Place::new();
+    let hopper = config("hopper");
+    for (more, part) in [
+        (&["--steps", "-5"][..], "-5"),
+        (&["--steps", "1.5"], "--steps"),
+        (&["--seed", "one"], "--seed"),
+        (&["--threads", "0"], "compute.threads"),
+        (&["--sets", "seed=1"], "--set"),
+        (&["more"], "more"),
+    ] {
+        let arguments = [&["train", "--config", &hopper, "--out", "out"], more].concat();
+        place.refuse(2, &arguments, &[part]);
+    }
+    place.refuse(2, &["train"], &["--config"]);
+    place.refuse(2, &["eval"], &["--checkpoint"]);
+    place.refuse(2, &["envs", "Hoper-v4"], &["Hopper-v4"]);
+    place.refuse(2, &["verify", "nothing-here"], &["nothing-here"]);
+}
+
+#[test]
+fn an_output_directory_in_use_is_left_as_it_is() {
+    let place = Place::new();
+    place.train("reacher", "run", &[]);
+    place.refuse(
+        2,
+        &small_run("reacher", "run", &[]),
+        &["run exists already", "--out", "--force"],
+    );
+    place.write("file", "text");
+    for out in ["file", "file/run"] {
+        place.refuse(2, &small_run("reacher", out, &[]), &[out]);
+    }
+}
+
+#[test]
+fn a_checkpoint_that_is_missing_or_of_another_task_is_refused() {
+    let place = Place::new();
+    let eval = |checkpoint: &str, code, parts: &[&str]| {
+        place.refuse(code, &["eval", "--checkpoint", checkpoint], parts);
+    };
+    eval("nowhere", 2, &["nowhere: no checkpoint here"]);
+    fs::create_dir(place.path("empty")).unwrap();
+    eval("empty", 2, &["empty: no checkpoint here", "run directory"]);
+
+    place.train("hopper", "run", &[]);
+    place.refuse(
+        2,
+        &["eval", "--checkpoint", "run", "--task", "Reacher-v4"],
+        &["run", "`Hopper-v4`", "`Reacher-v4`"],
+    );
+    let other = |file: &str| {
+        let text = place.read(file).replace("Hopper-v4", "Walker2d-v4");
+        place.write(file, text);
+    };
+    other("run/config.toml");
+    eval("run", 2, &["run", "`Hopper-v4`", "`Walker2d-v4`"]);
+    other("run/checkpoints/last/config.toml");
+    other("run/checkpoints/last/checkpoint.json");
+    eval(
+        "run",
+        1,
+        &["weights.safetensors", "`Hopper-v4`", "`Walker2d-v4`"],
+    );
+}
+
+#[test]
+fn a_checkpoint_cut_short_is_refused_and_named() {
+    let place = Place::new();
+    place.train("hopper", "run", &[]);
+    let last = "run/checkpoints/last";
+    for (file, cuts) in [
+        (
+            "weights.safetensors",
+            &[0, 1, 7, 8, 9, 500, 2000, 4000, 30_000][..],
+        ),
+        ("checkpoint.json", &[0, 1, 20, 50]),
+        ("config.toml", &[0, 3, 12, 30]),
+    ] {
+        let whole = fs::read(place.path(&format!("{last}/{file}"))).unwrap();
+        let almost = [whole.len() - 4, whole.len() - 2];
+        for cut in cuts.iter().chain(&almost) {
+            place.copy(last, "cut");
+            let damaged = format!("cut/{file}");
+            place.write(&damaged, &whole[..*cut]);
+            place.refuse(
+                1,
+                &["eval", "--checkpoint", "cut"],
+                &[&damaged, "damaged checkpoint"],
+            );
+        }
+        place.copy(last, "cut");
+        fs::remove_file(place.path(&format!("cut/{file}"))).unwrap();
+        place.refuse(
+            1,
+            &["eval", "--checkpoint", "cut"],
+            &[&format!("cut/{file}")],
+        );
+    }
+}
+
+#[test]
+fn a_checkpoint_with_other_contents_is_refused_and_named() {
+    let place = Place::new();
+    place.train("hopper", "run", &[]);
+    let damage = |change: &dyn Fn(), parts: &[&str]| {
+        place.copy("run/checkpoints/last", "damaged");
+        change();
+        let parts = [&["damaged checkpoint", "weights.safetensors"], parts].concat();
+        place.refuse(1, &["eval", "--checkpoint", "damaged"], &parts);
+    };
+    damage(
+        &|| {
+            let path = place.path("damaged/weights.safetensors");
+            let mut bytes = fs::read(&path).unwrap();
+            let end = bytes.len();
+            bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+            fs::write(path, bytes).unwrap();
+        },
+        &["not finite"],
+    );
+    damage(
+        &|| {
+            let text = place.read("damaged/config.toml");
+            place.write("damaged/config.toml", text.replacen("32", "31", 2));
+        },
+        &["shape"],
+    );
+}
+
+// ---------------------------------------------------------------------------------------------
+// Early ends
+// ---------------------------------------------------------------------------------------------
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_ends_a_run_with_a_saved_checkpoint() {
+    for signal in ["INT", "TERM"] {
+        let place = Place::new();
+        let arguments = small_run("hopper", "run", &["steps=100000000"]);
+        let mut command = place.command(&arguments);
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = child.spawn().unwrap();
+        wait_for(|| {
+            assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+            let rows = fs::read_to_string(place.path("run/eval.csv"));
+            rows.is_ok_and(|text| text.lines().count() >= 4)
+        });
+        let kill = format!("kill -{signal} {}", child.id());
+        let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
+        assert!(killed.success());
+        wait_for(|| child.try_wait().unwrap().is_some());
+        let output = child.wait_with_output().unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(75), "{output:?}");
+        assert!(message.contains("run/checkpoints/last"), "{message}");
+
+        let step = message
+            .strip_prefix("interrupted after step ")
+            .and_then(|rest| rest.split(';').next())
+            .unwrap_or_else(|| panic!("{message}"));
+        let evaluation = place.succeed(&["eval", "--checkpoint", "run", "--episodes", "2"]);
+        assert!(
+            evaluation.contains(&format!("after {step} steps")),
+            "{evaluation}"
+        );
+    }
+}
+
+/// Waits until `done`, for a minute at most.
+fn wait_for(mut done: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !done() {
+        assert!(start.elapsed() < Duration::from_secs(60), "it takes long");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let place = Place::new();
+    for arguments in [small_run("reacher", "run", &[]), vec!["envs".to_owned()]] {
+        let mut command = place.command(&arguments);
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = child.spawn().unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        assert_eq!(stderr(&output), "");
+    }
+}
+
+#[test]
+fn a_loss_that_is_not_finite_stops_the_run_and_leaves_the_last_good_checkpoint() {
+    // One step of Adam at rate 1 makes every weight of the critics about 1 in size: through twenty
+    // layers of 64 the next value is past the range of 32-bit floats once squared.
+    let layers = format!("networks.hidden={:?}", [64; 20]);
+    for method in ["method=mamf", "method=td3"] {
+        let place = Place::new();
+        let settings = [method, &layers, "networks.critic_learning_rate=1"];
+        let output = place.run(&small_run("reacher", "run", &settings));
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        assert_eq!(output.stdout, b"");
+        let step: u64 = message
+            .strip_prefix("error: step ")
+            .and_then(|rest| rest.split(':').next()?.parse().ok())
+            .unwrap_or_else(|| panic!("{message}"));
+        assert!((201..=400).contains(&step), "{message}");
+        for part in ["is not finite", "run/checkpoints/last"] {
+            assert!(message.contains(part), "{message}");
+        }
+        assert_eq!(message.lines().count(), 1, "{message}");
+
+        for checkpoint in ["run", "run/checkpoints/best"] {
+            place.succeed(&["eval", "--checkpoint", checkpoint, "--episodes", "2"]);
+        }
+        let state = place.read("run/checkpoints/last/checkpoint.json");
+        let state: serde_json::Value = serde_json::from_str(&state).unwrap();
+        assert!(state["step"].as_u64().unwrap() < step, "{state}");
+    }
+}
