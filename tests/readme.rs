@@ -1,0 +1,55 @@
+//! The tables of the README say what the program does.
+
+use mamf::config::{Config, Method};
+use mamf::env;
+use toml::{Table, Value};
+
+/// The cells of every row of every table, without quotation marks for code.
+fn rows() -> Vec<Vec<String>> {
+    include_str!("../README.md")
+        .lines()
+        .filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |"))
+        .map(|line| line.split(" | ").map(|cell| cell.replace('`', "")))
+        .map(Iterator::collect)
+        .collect()
+}
+
+fn flatten(prefix: &str, table: &Table) -> Vec<(String, Value)> {
+    let entries = table.iter().flat_map(|(key, value)| match value {
+        Value::Table(inner) => flatten(&format!("{prefix}{key}."), inner),
+        value => vec![(format!("{prefix}{key}"), value.clone())],
+    });
+    entries.collect()
+}
+
+#[test]
+fn every_key_is_listed_with_its_default() {
+    let rows = rows();
+    let preset = Table::try_from(Config::preset(Method::Mamf)).unwrap();
+    for (key, default) in flatten("", &preset) {
+        if key == "task" {
+            continue;
+        }
+        let row = rows.iter().find(|row| row[0] == key && row.len() == 3);
+        let row = row.unwrap_or_else(|| panic!("`{key}` is not in the README"));
+        let stated: Table = toml::from_str(&format!("value = {}", row[1])).unwrap();
+        assert_eq!(stated["value"], default, "{key}");
+    }
+}
+
+#[test]
+fn every_task_is_listed_with_its_sizes() {
+    let rows = rows();
+    for id in env::ids() {
+        let (task, _) = env::make(id).unwrap();
+        let spec = task.spec();
+        let row = rows.iter().find(|row| row[0] == id);
+        let row = row.unwrap_or_else(|| panic!("{id} is not in the README"));
+        let sizes = [spec.obs_size, spec.action_size];
+        assert_eq!(row[1..3], sizes.map(|n| n.to_string()), "{id}");
+        assert_eq!(row[3], format!("±{}", spec.action_limit), "{id}");
+        assert_eq!(row[4], spec.max_episode_steps.to_string(), "{id}");
+        let dt: f64 = row[5].parse().unwrap();
+        assert!((dt - spec.dt).abs() < 1e-9, "{id}");
+    }
+}
