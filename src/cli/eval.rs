@@ -1,6 +1,7 @@
 //! `mamf eval`
 
 use super::Misuse;
+use crate::env;
 use crate::parallel::with_threads;
 use crate::random::stream;
 use crate::training::{Checkpoint, Evaluation, Evaluator};
@@ -17,10 +18,15 @@ pub struct Args {
     #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
     checkpoint: PathBuf,
     /// Episodes of the deterministic policy
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     episodes: u32,
     /// Seed of the initial states
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(
+        long,
+        value_name = "N",
+        allow_negative_numbers = true,
+        default_value_t = 0
+    )]
     seed: u64,
     /// Write one row an episode to this new file
     #[arg(long, value_name = "FILE")]
@@ -33,6 +39,7 @@ pub struct Args {
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let checkpoint = Checkpoint::load(&args.checkpoint)?;
     if let Some(task) = &args.task {
+        env::info(task)?;
         checkpoint.require_task(task)?;
     }
     let task = &checkpoint.config.task;

@@ -35,7 +35,10 @@ impl fmt::Display for Source {
 #[non_exhaustive]
 pub enum ConfigError {
     /// The file can't be read.
-    #[error("{}: can't read the configuration: {error}", path.display())]
+    #[error(
+        "{}: can't read the configuration: {error}; expected a TOML file such as configs/quickstart.toml",
+        path.display()
+    )]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -137,6 +140,30 @@ impl Overrides {
 /// When the file is unreadable or not TOML, a key is unknown, a value has a wrong type or lies out
 /// of range, or `task` is missing. Whether the task exists is left to the registry of tasks.
 pub fn read(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
+    given(path, overrides)?.resolve(Source::File(path.to_owned()))
+}
+
+/// Reads the configuration of a run, which must hold every key: nothing is filled in.
+///
+/// # Errors
+/// As [`read`], and when a key is missing.
+pub fn read_resolved(path: &Path) -> Result<Config, ConfigError> {
+    let given = given(path, &Overrides::default())?;
+    let keys: Vec<String> = given.0.keys().cloned().collect();
+    let config = given.resolve(Source::File(path.to_owned()))?;
+    let whole = flattened(&Table::try_from(&config).expect("a configuration is a TOML table"));
+    match whole.into_keys().find(|key| !keys.contains(key)) {
+        None => Ok(config),
+        Some(key) => Err(ConfigError::Missing {
+            origin: Source::File(path.to_owned()),
+            key,
+            expected: "the configuration of a run holds every key".into(),
+        }),
+    }
+}
+
+/// What the file and the overrides say.
+fn given(path: &Path, overrides: &Overrides) -> Result<Given, ConfigError> {
     let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
         path: path.to_owned(),
         error,
@@ -154,7 +181,7 @@ pub fn read(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
             value => given.add(source, key.clone(), value.clone()),
         }
     }
-    given.resolve(Source::File(path.to_owned()))
+    Ok(given)
 }
 
 /// The values given by the user, by dotted key, each with its source.
@@ -191,8 +218,7 @@ impl Given {
             }
         };
         let preset = Table::try_from(Config::preset(method)).expect("a preset is a TOML table");
-        let mut defaults = BTreeMap::new();
-        flatten("", &preset, &mut defaults);
+        let defaults = flattened(&preset);
 
         let mut merged = preset;
         for (key, (origin, value)) in &self.0 {
@@ -231,7 +257,7 @@ impl Given {
                 let key = path.split('[').next().unwrap_or(&path).to_owned();
                 wrong(&key, expectation(e.inner()))
             })?;
-        if config.task.is_empty() {
+        if !self.0.contains_key("task") {
             return Err(ConfigError::Missing {
                 origin: file,
                 key: "task".into(),
@@ -260,6 +286,13 @@ fn expectation(error: &toml::de::Error) -> String {
         Some((_, expected)) => expected.to_owned(),
         None => message.to_owned(),
     }
+}
+
+/// The values of a table by dotted key.
+fn flattened(table: &Table) -> BTreeMap<String, Value> {
+    let mut values = BTreeMap::new();
+    flatten("", table, &mut values);
+    values
 }
 
 fn flatten(prefix: &str, table: &Table, out: &mut BTreeMap<String, Value>) {
@@ -320,6 +353,14 @@ fn same_type(value: &Value, default: &Value) -> Option<Value> {
     match (value, default) {
         (Value::Integer(i), Value::Float(_)) => Some(Value::Float(*i as f64)),
         (Value::Integer(i), Value::Integer(_)) if *i < 0 => None,
+        // The lists there are hold whole numbers.
+        (Value::Array(items), Value::Array(_))
+            if !items
+                .iter()
+                .all(|item| item.as_integer().is_some_and(|i| i >= 0)) =>
+        {
+            None
+        }
         (value, default) if value.same_type(default) => Some(value.clone()),
         _ => None,
     }
@@ -391,6 +432,21 @@ mod tests {
     }
 
     #[test]
+    fn the_configuration_of_a_run_must_hold_every_key() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("config.toml");
+        let config = load("task = \"Hopper-v4\"", &[]).unwrap();
+        let text = toml::to_string_pretty(&config).unwrap();
+        std::fs::write(&path, &text).unwrap();
+        assert_eq!(read_resolved(&path).unwrap(), config);
+        for lines in 1..text.lines().count() {
+            let cut: Vec<&str> = text.lines().take(lines).collect();
+            std::fs::write(&path, cut.join("\n")).unwrap();
+            assert!(read_resolved(&path).is_err(), "{lines} lines");
+        }
+    }
+
+    #[test]
     fn unknown_keys_name_the_nearest_one() {
         let m = message("task = \"Hopper-v4\"\nbatchsize = 3", &[]);
         assert!(
@@ -426,7 +482,7 @@ mod tests {
             ("model.predict=all", ["`model.predict`", "all", "`delta`"]),
             (
                 "networks.hidden=[256, \"a\"]",
-                ["`networks.hidden`", "\"a\"", "usize"],
+                ["`networks.hidden`", "\"a\"", "list of whole numbers"],
             ),
             (
                 "networks.hidden=[]",

@@ -9,6 +9,6 @@ mod method;
 mod settings;
 mod validate;
 
-pub use load::{ConfigError, Overrides, Source, read};
+pub use load::{ConfigError, Overrides, Source, read, read_resolved};
 pub use method::{Augmentation, Method};
 pub use settings::*;

@@ -54,6 +54,9 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     positive("evaluation.every", c.evaluation.every)?;
     positive("evaluation.episodes", c.evaluation.episodes as u64)?;
     positive("checkpoint.every", c.checkpoint.every)?;
+    at_most("batch_size", c.batch_size as u64, 1_000_000)?;
+    at_most("replay.capacity", c.replay.capacity as u64, 1_000_000_000)?;
+    at_most("evaluation.episodes", c.evaluation.episodes as u64, 100_000)?;
     if !(1..=MOST_THREADS).contains(&c.compute.threads) {
         return violation("compute.threads", format!("from 1 to {MOST_THREADS}"));
     }
@@ -109,9 +112,32 @@ fn above_zero(key: &'static str, value: f64, high: f64) -> Result<(), Violation>
     violation(key, format!("above 0 and at most {high}"))
 }
 
+/// Most weights of a network; beyond that memory is at stake, and the CPU is the wrong place.
+const MOST_WEIGHTS: usize = 1 << 26;
+
 fn widths(key: &'static str, hidden: &[usize]) -> Result<(), Violation> {
-    if !hidden.is_empty() && hidden.iter().all(|w| (1..=65_536).contains(w)) {
+    let width = 1..=8_192;
+    let weights = || {
+        hidden
+            .windows(2)
+            .map(|pair| pair[0] * pair[1])
+            .sum::<usize>()
+    };
+    let sound = !hidden.is_empty() && hidden.iter().all(|w| width.contains(w));
+    if sound && weights() <= MOST_WEIGHTS {
         return Ok(());
     }
-    violation(key, "one or more widths, each from 1 to 65536".into())
+    violation(
+        key,
+        format!(
+            "one or more widths from 1 to 8192, of at most {MOST_WEIGHTS} weights between them"
+        ),
+    )
+}
+
+fn at_most(key: &'static str, value: u64, most: u64) -> Result<(), Violation> {
+    if value <= most {
+        return Ok(());
+    }
+    violation(key, format!("at most {most}"))
 }

@@ -154,6 +154,17 @@ impl Checkpoint {
         {
             return Err(CheckpointError::Missing(path.to_owned()));
         }
+        if let Some(name) = [WEIGHTS, CONFIG, STATE]
+            .iter()
+            .find(|name| !file(name).exists())
+        {
+            return Err(CheckpointError::Damaged {
+                path: path.to_owned(),
+                reason: format!(
+                    "{name} is missing; a checkpoint is {WEIGHTS}, {CONFIG} and {STATE}"
+                ),
+            });
+        }
         let config = read_config(&file(CONFIG))?;
         let state = fs::read_to_string(file(STATE)).map_err(io(&file(STATE)))?;
         let state: State =
@@ -214,7 +225,7 @@ impl Checkpoint {
 }
 
 fn read_config(path: &Path) -> Result<Config, CheckpointError> {
-    config::read(path, &config::Overrides::default()).map_err(|error| match error {
+    config::read_resolved(path).map_err(|error| match error {
         ConfigError::Unreadable { path, error } => CheckpointError::Io { path, error },
         error => CheckpointError::Damaged {
             path: path.to_owned(),
