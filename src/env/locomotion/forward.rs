@@ -1,5 +1,8 @@
-//! Rules of the tasks that reward moving forward.
+//! What the tasks share that reward moving forward.
 
+use mujoco_rs::Data;
+
+use super::task::write;
 use super::{Rules, VelocityReading};
 
 /// `reward = v + alive - control_weight * |a|^2`, with the forward velocity v read from the
@@ -32,4 +35,17 @@ impl Rules for Forward {
 /// Sum of squares of an action's numbers.
 pub fn effort(action: &[f32]) -> f32 {
     action.iter().map(|a| a * a).sum()
+}
+
+/// Velocities of Hopper and Walker2d are observed within this bound.
+const MAX_VELOCITY: f64 = 10.0;
+
+/// Positions without x, then velocities within +-10.
+pub fn observe_within_bound(data: &Data, observation: &mut [f64]) {
+    let positions = data.qpos()[1..].iter().copied();
+    let bounded = |v: &f64| v.clamp(-MAX_VELOCITY, MAX_VELOCITY);
+    write(
+        observation,
+        positions.chain(data.qvel().iter().map(bounded)),
+    );
 }

@@ -4,15 +4,13 @@ use std::sync::Arc;
 
 use mujoco_rs::{Data, Model};
 
-use super::forward::Forward;
+use super::forward::{Forward, observe_within_bound};
 use super::noise::add_uniform;
-use super::task::{block, dt, effort, write};
+use super::task::{block, dt, effort};
 use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 1e-3;
-/// Velocities are observed within this bound.
-const MAX_VELOCITY: f64 = 10.0;
 /// The lowest healthy height of the torso, in metres (exclusive).
 const MIN_HEIGHT: f64 = 0.7;
 /// The largest healthy pitch of the torso, in radians (exclusive).
@@ -79,12 +77,7 @@ impl Task for Hopper {
     }
 
     fn observe(&self, data: &Data, observation: &mut [f64]) {
-        let positions = data.qpos()[1..].iter().copied();
-        let velocities = data
-            .qvel()
-            .iter()
-            .map(|v| v.clamp(-MAX_VELOCITY, MAX_VELOCITY));
-        write(observation, positions.chain(velocities));
+        observe_within_bound(data, observation);
     }
 
     fn reward(&self, before: &[f64; 1], after: &[f64; 1], _: &Data, action: &[f64]) -> f64 {

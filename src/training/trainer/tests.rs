@@ -41,11 +41,11 @@ impl Env for Diverging {
     }
 
     fn snapshot(&self) -> EnvState {
-        unimplemented!("not needed")
+        unreachable!("the loop does not save simulations")
     }
 
     fn restore(&mut self, _: &EnvState) -> Result<(), StateMismatch> {
-        unimplemented!("not needed")
+        unreachable!("the loop does not save simulations")
     }
 }
 
