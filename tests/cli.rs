@@ -515,7 +515,11 @@ fn a_checkpoint_cut_short_is_refused_and_named() {
     ] {
         let whole = fs::read(place.path(&format!("{last}/{file}"))).unwrap();
         let almost = [whole.len() - 4, whole.len() - 2];
-        for cut in cuts.iter().chain(&almost) {
+        // A configuration cut at the end of a line is still TOML.
+        let lines: Vec<usize> = (0..whole.len() - 1)
+            .filter(|i| file == "config.toml" && whole[*i] == b'\n')
+            .collect();
+        for cut in cuts.iter().chain(&almost).chain(&lines) {
             place.copy(last, "cut");
             let damaged = format!("cut/{file}");
             place.write(&damaged, &whole[..*cut]);

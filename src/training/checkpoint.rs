@@ -159,10 +159,8 @@ impl Checkpoint {
             .find(|name| !file(name).exists())
         {
             return Err(CheckpointError::Damaged {
-                path: path.to_owned(),
-                reason: format!(
-                    "{name} is missing; a checkpoint is {WEIGHTS}, {CONFIG} and {STATE}"
-                ),
+                path: file(name),
+                reason: format!("missing; a checkpoint is {WEIGHTS}, {CONFIG} and {STATE}"),
             });
         }
         let config = read_config(&file(CONFIG))?;
