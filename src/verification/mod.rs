@@ -89,6 +89,8 @@ pub fn verify(directory: &Path, task: Option<&str>) -> Result<Report, UnusableIn
             Ok(None) => report.skipped += 1,
             Ok(Some(rollout)) => match replay(&rollout) {
                 Ok(summary) => report.summaries.push(summary),
+                // An error of the rollout names the file itself.
+                Err(ReplayError::Rollout(error)) => report.failures.push(error.to_string()),
                 Err(error) => report.failures.push(format!("{}: {error}", file.display())),
             },
             Err(error) => report.failures.push(error.to_string()),
