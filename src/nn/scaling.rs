@@ -127,14 +127,22 @@ impl ObservationScaling {
     /// The saved scaling of observations of `size` numbers.
     ///
     /// # Errors
-    /// When an array is missing or has another shape.
+    /// When an array is missing, has another shape, or holds a bound or deviation that is not above 0.
     pub fn load(size: usize, weights: &Weights) -> Result<ObservationScaling, WeightError> {
         let read = |name: &str, size: usize| weights.get(&format!("scaling.{name}"), &[size]);
-        Ok(ObservationScaling {
+        let scaling = ObservationScaling {
             mean: read("mean", size)?,
             deviation: read("deviation", size)?,
             clip: read("clip", 1)?[0],
-        })
+        };
+        let positive = |x: &f32| *x > 0.0;
+        if !positive(&scaling.clip) {
+            return Err(WeightError::NotPositive("scaling.clip"));
+        }
+        if !scaling.deviation.iter().all(positive) {
+            return Err(WeightError::NotPositive("scaling.deviation"));
+        }
+        Ok(scaling)
     }
 }
 
@@ -167,5 +175,19 @@ mod tests {
         assert_eq!(scaled, [0.5, -1.0, 5.0, -5.0]);
         scaling.unscale(&mut scaled);
         assert_eq!(scaled, [2.0, -1.5, 11.0, -3.5]);
+    }
+
+    #[test]
+    fn a_bound_or_deviation_that_is_not_above_zero_is_refused() {
+        let load = |deviation: f32, clip: f32| {
+            let mut weights = Weights::default();
+            ObservationScaling::new(vec![0.0], vec![deviation], clip).save(&mut weights);
+            ObservationScaling::load(1, &weights)
+        };
+        assert!(load(1.0, 5.0).is_ok() && load(1.0, f32::INFINITY).is_ok());
+        for clip in [-5.0, 0.0, f32::NAN] {
+            assert!(load(1.0, clip).is_err());
+        }
+        assert!(load(0.0, 5.0).is_err() && load(-1.0, 5.0).is_err());
     }
 }

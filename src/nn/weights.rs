@@ -28,6 +28,9 @@ pub enum WeightError {
     /// An array holds a number that is not finite.
     #[error("array `{0}` holds a number that is not finite")]
     NotFinite(String),
+    /// A bound or a deviation is not above 0.
+    #[error("array `{0}` holds a number that is not above 0")]
+    NotPositive(&'static str),
     /// Not a `safetensors` file of single-precision arrays, or cut short.
     #[error("not a whole safetensors file of 32-bit floats: {0}")]
     Format(String),

@@ -143,6 +143,10 @@ impl Checkpoint {
             checkpoint.require_task(&expected.task)?;
             return Ok(checkpoint);
         }
+        if !path.join(WEIGHTS).exists() && path.join("checkpoints").is_dir() {
+            // A run that has not saved its first `last` yet.
+            return Err(CheckpointError::Missing(run));
+        }
         Checkpoint::load_directory(path)
     }
 

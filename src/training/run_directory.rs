@@ -18,7 +18,7 @@ pub enum RunDirectoryError {
     )]
     Exists(PathBuf),
     /// `--force` on something that is no run.
-    #[error("{} is no run directory (it has no config.toml) and is left as it is, --force or not", .0.display())]
+    #[error("{} is no run directory (it lacks config.toml or run.json) and is left as it is, --force or not", .0.display())]
     NotARun(PathBuf),
     /// The system refused.
     #[error("{}: {error}", path.display())]
@@ -60,7 +60,10 @@ impl RunDirectory {
             if !force {
                 return Err(RunDirectoryError::Exists(path.to_owned()));
             }
-            if !path.join("config.toml").is_file() {
+            if !["config.toml", "run.json"]
+                .iter()
+                .all(|name| path.join(name).is_file())
+            {
                 return Err(RunDirectoryError::NotARun(path.to_owned()));
             }
             std::fs::remove_dir_all(path).map_err(io)?;
