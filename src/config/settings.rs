@@ -107,14 +107,19 @@ pub struct Compute {
 }
 
 impl Config {
+    /// The coupling of actions as `spec` limits them.
+    pub fn coupling(&self, spec: &Spec) -> Coupling {
+        Coupling {
+            beta: self.action_coupling,
+            limit: spec.action_limit,
+        }
+    }
+
     /// The part of the settings that the agent is built from, for actions as `spec` says.
     pub fn td3(&self, spec: &Spec) -> Td3Settings {
         Td3Settings {
             networks: self.networks.clone(),
-            coupling: Coupling {
-                beta: self.action_coupling,
-                limit: spec.action_limit,
-            },
+            coupling: self.coupling(spec),
             discount: self.discount,
             tau: self.tau,
             policy_delay: self.policy_delay,

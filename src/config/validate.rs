@@ -39,8 +39,13 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     )?;
     within("target_smoothing.clip", c.target_smoothing.clip, 0.0, 10.0)?;
     positive("scaling.every", c.scaling.every)?;
-    above_zero("scaling.clip", c.scaling.clip, 1e6)?;
-    above_zero("scaling.deviation_floor", c.scaling.deviation_floor, 1e6)?;
+    within("scaling.clip", c.scaling.clip, 1e-6, 1e6)?;
+    within(
+        "scaling.deviation_floor",
+        c.scaling.deviation_floor,
+        1e-6,
+        1e6,
+    )?;
     positive("replay.capacity", c.replay.capacity as u64)?;
     widths("model.hidden", &c.model.hidden)?;
     above_zero("model.learning_rate", c.model.learning_rate, rate)?;

@@ -221,7 +221,7 @@ impl Trainer {
                 self.begin_phase_2(largest_reward);
                 episode = self.reset();
             }
-            if learned || rescaled || step == random_steps {
+            if learned || (rescaled && !random) || step == random_steps {
                 policy = self.agent.policy(&self.scaling);
             }
 
@@ -246,7 +246,7 @@ impl Trainer {
 
     /// A uniformly random action of phase 1, coupled like any other.
     fn random_action(&mut self, previous: &[f32]) -> Vec<f32> {
-        let coupling = self.config.td3(self.env.spec()).coupling;
+        let coupling = self.config.coupling(self.env.spec());
         let limit = coupling.limit as f32;
         let rng = &mut self.streams.exploration;
         let mut action: Vec<f32> = previous
