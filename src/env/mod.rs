@@ -1,7 +1,9 @@
 //! The tasks: a simulator behind [`Env`], and what its designer knows behind [`Rules`].
 //!
+//! A task with a goal has it at the end of its observation, where rules and policies find it.
 //! Nothing here learns and nothing here sees a tensor: observations and actions are plain slices.
 
+mod hands;
 mod locomotion;
 mod noise;
 mod registry;
@@ -12,11 +14,14 @@ mod task;
 
 use serde::{Deserialize, Serialize};
 
+pub use hands::PenInertia;
 pub use registry::{
-    Made, MakeError, UnknownTask, ids, info, make, make_replay, make_with, model, rules,
+    Made, MakeError, UnknownTask, ids, info, make, make_replay, make_replay_with, make_with, model,
+    rules,
 };
 pub use rules::{Rules, VelocityReading};
-pub use task::{Block, Info, Velocity};
+pub use scene::Scene;
+pub use task::{Block, Info, Recorded, Velocity};
 
 use crate::random::Stream;
 
@@ -33,6 +38,9 @@ pub struct Step {
     /// The simulation blew up (MuJoCo's bad-state warnings, or a number that is not finite). The
     /// observation must not be stored; `truncated` is true as well.
     pub diverged: bool,
+    /// Whether the goal is reached now; `None` for a task that knows no success. Success does not end
+    /// an episode.
+    pub success: Option<bool>,
 }
 
 /// A simulated task: an episode is one `reset` and then `step`s until one of them reports
@@ -43,6 +51,13 @@ pub trait Env: Send {
 
     /// Starts a new episode from `rng` and writes its first observation (`spec().obs_size` numbers).
     fn reset(&mut self, rng: &mut Stream, observation: &mut [f64]);
+
+    /// Starts a new episode in a given state and writes its first observation.
+    fn start_at(&mut self, start: &Start<'_>, observation: &mut [f64]);
+
+    /// Draws a goal (`spec().goal_size` numbers) as [`reset`](Env::reset) would for objects that
+    /// settled at the positions `qpos`.
+    fn draw_goal(&self, rng: &mut Stream, qpos: &[f64]) -> Vec<f64>;
 
     /// Applies `action` (`spec().action_size` numbers) for one control step and writes the
     /// observation that follows.
@@ -61,10 +76,6 @@ pub trait Env: Send {
 
 /// A task whose state can be written as recordings need it.
 pub trait Replay: Env {
-    /// Starts an episode in the given state (`nq` and `nv` numbers): everything else is cleared, then
-    /// everything that depends on the state is computed and the observation written.
-    fn start_at(&mut self, qpos: &[f64], qvel: &[f64], observation: &mut [f64]);
-
     /// Overwrites the state inside an episode. Body positions and forces stay those of the last
     /// step, as they do in the published tasks.
     fn set_state(&mut self, qpos: &[f64], qvel: &[f64]);
@@ -72,11 +83,40 @@ pub trait Replay: Env {
     /// Overwrites the accelerations (`nv`) from which the next step's solver starts.
     fn set_warmstart(&mut self, qacc_warmstart: &[f64]);
 
+    /// Lets the state rest under the zero action as a reset does, and begins an episode there.
+    fn settle(&mut self, observation: &mut [f64]);
+
+    /// From now on looks in every physics step for contacts of the geoms whose shape only
+    /// approximates the published one (slower).
+    fn watch_contacts(&mut self);
+
+    /// Whether something touched such a geom in the last control step (or while settling).
+    fn touched(&self) -> bool;
+
+    /// What recordings leave open of this task's state.
+    fn recorded(&self) -> Recorded;
+
     /// Positions, `nq`.
     fn qpos(&self) -> &[f64];
 
     /// Velocities, `nv`.
     fn qvel(&self) -> &[f64];
+
+    /// Command of the actuators in the last step, `nu`.
+    fn ctrl(&self) -> &[f64];
+}
+
+/// A state in which an episode is to begin. Everything that is not given is cleared.
+#[derive(Debug, Clone, Copy)]
+pub struct Start<'a> {
+    /// Positions, `nq`.
+    pub qpos: &'a [f64],
+    /// Velocities, `nv`.
+    pub qvel: &'a [f64],
+    /// The action executed before: its command is the one the state was reached under.
+    pub previous_action: Option<&'a [f64]>,
+    /// The goal, `goal_size`.
+    pub goal: &'a [f64],
 }
 
 /// A state of a task to the last bit, to be written into checkpoints.
@@ -97,6 +137,8 @@ pub struct EnvState {
     /// Figures of this state that the next step's reward needs and that cannot be computed again,
     /// because the tasks read them one physics step late.
     pub carried: Vec<f64>,
+    /// Goal of the episode.
+    pub goal: Vec<f64>,
     /// Control steps since the reset.
     pub elapsed_steps: usize,
 }
@@ -120,8 +162,10 @@ pub struct StateMismatch {
 pub struct Spec {
     /// Registered id, for example `HalfCheetah-v4`.
     pub id: String,
-    /// Length of an observation.
+    /// Length of an observation, the goal at its end included.
     pub obs_size: usize,
+    /// Length of the goal at the end of an observation; 0 for a task without one.
+    pub goal_size: usize,
     /// Length of an action.
     pub action_size: usize,
     /// Every action number lies in `[-action_limit, action_limit]`.
@@ -130,4 +174,8 @@ pub struct Spec {
     pub max_episode_steps: usize,
     /// Seconds of simulated time a control step.
     pub dt: f64,
+    /// Positions of a simulated state.
+    pub nq: usize,
+    /// Velocities of a simulated state.
+    pub nv: usize,
 }

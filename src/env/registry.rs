@@ -4,29 +4,36 @@ use std::sync::{Arc, LazyLock};
 
 use mujoco_rs::Model;
 
+use super::hands::{self, PenInertia};
 use super::locomotion::*;
 use super::scene;
 use super::simulation::Simulation;
-use super::task::Task;
 use super::{Env, Info, Replay, Rules, VelocityReading};
 
 /// A registered task: its constants and how to build it.
-struct Entry {
-    info: Info,
-    simulation: fn(Arc<Model>) -> mujoco_rs::Result<Box<dyn Replay>>,
-    rules: fn(&Model, VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>>,
+pub(super) struct Entry {
+    pub info: Info,
+    pub simulation: Box<BuildSimulation>,
+    pub rules: Box<BuildRules>,
 }
 
-fn entry<T: Task>() -> Entry {
+type BuildSimulation = dyn Fn(Arc<Model>) -> mujoco_rs::Result<Box<dyn Replay>> + Send + Sync;
+type BuildRules =
+    dyn Fn(&Model, VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>> + Send + Sync;
+
+fn entry<T: Locomotion>() -> Entry {
     Entry {
         info: T::INFO,
-        simulation: |model| Ok(Box::new(Simulation::<T>::new(model)?)),
-        rules: T::rules,
+        simulation: Box::new(|model| {
+            let task = T::new(&model)?;
+            Ok(Box::new(Simulation::new(model, &T::INFO, task)?))
+        }),
+        rules: Box::new(T::rules),
     }
 }
 
 static ENTRIES: LazyLock<Vec<Entry>> = LazyLock::new(|| {
-    vec![
+    let mut entries = vec![
         entry::<Ant>(),
         entry::<HalfCheetah>(),
         entry::<Hopper>(),
@@ -38,7 +45,9 @@ static ENTRIES: LazyLock<Vec<Entry>> = LazyLock::new(|| {
         entry::<Reacher>(),
         entry::<Swimmer>(),
         entry::<Walker2d>(),
-    ]
+    ];
+    entries.extend(hands::entries());
+    entries
 });
 
 /// A task id that is not registered.
@@ -100,8 +109,18 @@ pub fn make_with(id: &str, reading: VelocityReading) -> Result<Made, MakeError> 
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
 pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
+    make_replay_with(id, PenInertia::default())
+}
+
+/// The task `id` with access to its state and with the pens' inertia as told (other objects have
+/// one only).
+///
+/// # Errors
+/// If there is no such task or MuJoCo cannot run it.
+pub fn make_replay_with(id: &str, inertia: PenInertia) -> Result<Box<dyn Replay>, MakeError> {
     let entry = find(id)?;
-    Ok((entry.simulation)(model(id)?)?)
+    let scene = hands::with_inertia(entry.info.scene, inertia);
+    Ok((entry.simulation)(scene::model(&scene)?)?)
 }
 
 /// The rules of the task `id`.
@@ -118,7 +137,7 @@ pub fn rules(id: &str, reading: VelocityReading) -> Result<Arc<dyn Rules>, MakeE
 /// # Errors
 /// If there is no such task or MuJoCo cannot load its model.
 pub fn model(id: &str) -> Result<Arc<Model>, MakeError> {
-    Ok(scene::model(find(id)?.info.scene)?)
+    Ok(scene::model(&find(id)?.info.scene)?)
 }
 
 fn find(id: &str) -> Result<&'static Entry, UnknownTask> {

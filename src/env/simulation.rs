@@ -4,17 +4,40 @@ use std::sync::Arc;
 
 use mujoco_rs::{Data, Model};
 
-use super::task::Task;
-use super::{Env, EnvState, Replay, Spec, StateMismatch, Step};
+use super::task::{Command, Info, Recorded, Task};
+use super::{Env, EnvState, Replay, Spec, Start, StateMismatch, Step};
 use crate::random::Stream;
+
+/// A start that is refused this often is taken as it is; the model is broken then.
+const MOST_STARTS: usize = 100;
 
 /// A task running on MuJoCo.
 pub struct Simulation<T: Task> {
     spec: Spec,
     task: T,
     data: Data,
+    frame_skip: usize,
+    servos: Vec<Servo>,
     carried: T::Carried,
     elapsed_steps: usize,
+    watch: Watch,
+}
+
+/// How one number of an action becomes the command of an actuator.
+#[derive(Debug, Clone, Copy)]
+struct Servo {
+    centre: f64,
+    half_range: f64,
+    low: f64,
+    high: f64,
+}
+
+/// Whether something touched one of these geoms during the last control step.
+#[derive(Default)]
+struct Watch {
+    on: bool,
+    geoms: Vec<usize>,
+    touched: bool,
 }
 
 impl<T: Task> Simulation<T> {
@@ -22,53 +45,134 @@ impl<T: Task> Simulation<T> {
     ///
     /// # Errors
     /// If MuJoCo cannot set the simulation up.
-    pub fn new(model: Arc<Model>) -> mujoco_rs::Result<Self> {
-        let info = T::INFO;
-        let task = T::new(&model)?;
+    pub fn new(model: Arc<Model>, info: &Info, task: T) -> mujoco_rs::Result<Self> {
         let mut data = Data::new(Arc::clone(&model))?;
         data.forward()?;
+        let (servos, action_limit) = match T::COMMAND {
+            Command::Action => {
+                let limit = model.actuator_ctrlrange().get(1).copied();
+                (Vec::new(), limit.unwrap_or(1.0))
+            }
+            Command::Range => (servos(&model), 1.0),
+        };
         Ok(Self {
             spec: Spec {
                 id: info.id.to_owned(),
                 obs_size: info.obs_size(),
+                goal_size: info.goal_size(),
                 action_size: model.nu(),
-                action_limit: model.actuator_ctrlrange().get(1).copied().unwrap_or(1.0),
+                action_limit,
                 max_episode_steps: info.max_episode_steps,
-                dt: super::task::dt::<T>(&model),
+                dt: model.timestep() * info.frame_skip as f64,
+                nq: model.nq(),
+                nv: model.nv(),
             },
             carried: task.carry(&data),
+            frame_skip: info.frame_skip,
+            servos,
             task,
             data,
             elapsed_steps: 0,
+            watch: Watch::default(),
         })
     }
 
-    /// Advances the physics; false if the simulation broke down.
-    fn advance(&mut self, action: &[f64]) -> bool {
-        self.data.ctrl_mut().copy_from_slice(action);
-        let stepped = self.data.step_n(T::INFO.frame_skip).is_ok();
+    /// Commands the actuators as `action` says.
+    fn set_command(&mut self, action: &[f64]) {
+        let ctrl = self.data.ctrl_mut();
+        match T::COMMAND {
+            Command::Action => ctrl.copy_from_slice(action),
+            Command::Range => {
+                for ((ctrl, servo), a) in ctrl.iter_mut().zip(&self.servos).zip(action) {
+                    *ctrl = servo.command(*a);
+                }
+            }
+        }
+    }
+
+    /// Advances the physics by `steps` of its own steps; false if the simulation broke down.
+    fn advance(&mut self, steps: usize) -> bool {
+        let stepped = if self.watch.on {
+            self.advance_watching(steps)
+        } else {
+            self.data.step_n(steps).is_ok()
+        };
         let forces = !T::CONTACT_FORCES || self.data.rne_post_constraint().is_ok();
         stepped && forces && !self.data.warnings().diverged()
     }
 
-    /// Computes what depends on the state just written and observes it.
-    fn begin(&mut self, observation: &mut [f64]) {
-        // A failure here leaves zeros to observe and the first step reports the divergence.
+    /// As [`advance`](Self::advance), looking at the contacts of every physics step.
+    fn advance_watching(&mut self, steps: usize) -> bool {
+        self.watch.touched = false;
+        (0..steps).all(|_| {
+            let stepped = self.data.step().is_ok();
+            let watched = |geom| self.watch.geoms.contains(&geom);
+            let touching = self
+                .data
+                .contacts()
+                .any(|pair| pair.into_iter().any(watched));
+            self.watch.touched |= touching;
+            stepped
+        })
+    }
+
+    /// Writes a state over a cleared simulation and computes what depends on it.
+    fn place(&mut self, qpos: &[f64], qvel: &[f64]) {
+        // A reset fails only if MuJoCo itself is broken; the first step then reports it, as it
+        // reports a state that cannot be computed.
+        let _ = self.data.reset();
+        self.data.qpos_mut().copy_from_slice(qpos);
+        self.data.qvel_mut().copy_from_slice(qvel);
         let _ = self.data.forward();
+    }
+
+    /// Lets the state rest under the zero action; false if the simulation broke down.
+    fn settle_down(&mut self) -> bool {
+        let steps = self.task.settling_steps();
+        if steps == 0 {
+            return true;
+        }
+        self.set_command(&vec![0.0; self.spec.action_size]);
+        let sound = self.advance(steps * self.frame_skip);
+        sound && self.data.forward().is_ok()
+    }
+
+    /// Observes the state with which an episode begins.
+    fn begin(&mut self, observation: &mut [f64]) {
         self.elapsed_steps = 0;
         self.carried = self.task.carry(&self.data);
-        self.task.observe(&self.data, observation);
-        clear_unless_finite(observation);
+        self.observe(observation);
+    }
+
+    /// Writes the observation; false, and zeros, if it holds a number that is not finite.
+    fn observe(&self, observation: &mut [f64]) -> bool {
+        let (state, goal) = observation.split_at_mut(self.spec.obs_size - self.spec.goal_size);
+        self.task.observe(&self.data, state);
+        goal.copy_from_slice(self.task.goal());
+        let finite = observation.iter().all(|x| x.is_finite());
+        if !finite {
+            observation.fill(0.0);
+        }
+        finite
     }
 }
 
-/// Overwrites an observation that holds a number that is not finite; false if it did.
-fn clear_unless_finite(observation: &mut [f64]) -> bool {
-    let finite = observation.iter().all(|x| x.is_finite());
-    if !finite {
-        observation.fill(0.0);
+impl Servo {
+    fn command(&self, action: f64) -> f64 {
+        let command = self.centre + action.clamp(-1.0, 1.0) * self.half_range;
+        command.clamp(self.low, self.high)
     }
-    finite
+}
+
+fn servos(model: &Model) -> Vec<Servo> {
+    let ranges = model.actuator_ctrlrange().as_chunks::<2>().0;
+    let servo = |&[low, high]: &[f64; 2]| Servo {
+        centre: (high + low) / 2.0,
+        half_range: (high - low) / 2.0,
+        low,
+        high,
+    };
+    ranges.iter().map(servo).collect()
 }
 
 impl<T: Task> Env for Simulation<T> {
@@ -77,26 +181,54 @@ impl<T: Task> Env for Simulation<T> {
     }
 
     fn reset(&mut self, rng: &mut Stream, observation: &mut [f64]) {
-        let mut qpos = self.data.model().qpos0().to_vec();
-        let mut qvel = vec![0.0; self.data.model().nv()];
-        self.task.start(rng, &mut qpos, &mut qvel);
-        self.start_at(&qpos, &qvel, observation);
+        let mut qpos = vec![0.0; self.spec.nq];
+        let mut qvel = vec![0.0; self.spec.nv];
+        for _ in 0..MOST_STARTS {
+            qpos.copy_from_slice(self.data.model().qpos0());
+            qvel.fill(0.0);
+            self.task.start(rng, &mut qpos, &mut qvel);
+            self.place(&qpos, &qvel);
+            if self.settle_down() && self.task.accepts(&self.data) {
+                break;
+            }
+        }
+        let goal = self.draw_goal(rng, self.data.qpos());
+        self.task.set_goal(&goal);
+        self.begin(observation);
+    }
+
+    fn draw_goal(&self, rng: &mut Stream, qpos: &[f64]) -> Vec<f64> {
+        let mut goal = vec![0.0; self.spec.goal_size];
+        self.task.draw_goal(rng, qpos, &mut goal);
+        goal
+    }
+
+    fn start_at(&mut self, start: &Start<'_>, observation: &mut [f64]) {
+        self.place(start.qpos, start.qvel);
+        if let Some(action) = start.previous_action {
+            self.set_command(action);
+            let _ = self.data.forward();
+        }
+        self.task.set_goal(start.goal);
+        self.begin(observation);
     }
 
     fn step(&mut self, action: &[f64], observation: &mut [f64]) -> Step {
         let before = self.carried;
-        let sound = self.advance(action);
+        self.set_command(action);
+        let sound = self.advance(self.frame_skip);
         self.elapsed_steps += 1;
         self.carried = self.task.carry(&self.data);
-        self.task.observe(&self.data, observation);
+        let finite = self.observe(observation);
         let reward = self.task.reward(&before, &self.carried, &self.data, action);
-        if !(sound && clear_unless_finite(observation) && reward.is_finite()) {
+        if !(sound && finite && reward.is_finite()) {
             observation.fill(0.0);
             return Step {
                 reward: 0.0,
                 terminated: false,
                 truncated: true,
                 diverged: true,
+                success: None,
             };
         }
         Step {
@@ -104,6 +236,7 @@ impl<T: Task> Env for Simulation<T> {
             terminated: self.task.terminated(&self.data),
             truncated: self.elapsed_steps >= self.spec.max_episode_steps,
             diverged: false,
+            success: self.task.success(&self.data),
         }
     }
 
@@ -116,6 +249,7 @@ impl<T: Task> Env for Simulation<T> {
             ctrl: self.data.ctrl().to_vec(),
             qacc_warmstart: self.data.qacc_warmstart().to_vec(),
             carried: self.carried.as_ref().to_vec(),
+            goal: self.task.goal().to_vec(),
             elapsed_steps: self.elapsed_steps,
         }
     }
@@ -129,6 +263,7 @@ impl<T: Task> Env for Simulation<T> {
             ("ctrl", state.ctrl.len(), model.nu()),
             ("qacc_warmstart", state.qacc_warmstart.len(), model.nv()),
             ("carried", state.carried.len(), self.carried.as_ref().len()),
+            ("goal", state.goal.len(), self.spec.goal_size),
         ];
         for (part, found, expected) in lengths {
             if found != expected {
@@ -151,20 +286,13 @@ impl<T: Task> Env for Simulation<T> {
         let warmstart = self.data.qacc_warmstart_mut();
         warmstart.copy_from_slice(&state.qacc_warmstart);
         self.carried.as_mut().copy_from_slice(&state.carried);
+        self.task.set_goal(&state.goal);
         self.elapsed_steps = state.elapsed_steps;
         Ok(())
     }
 }
 
 impl<T: Task> Replay for Simulation<T> {
-    fn start_at(&mut self, qpos: &[f64], qvel: &[f64], observation: &mut [f64]) {
-        // A reset fails only if MuJoCo itself is broken; the first step then reports it.
-        let _ = self.data.reset();
-        self.data.qpos_mut().copy_from_slice(qpos);
-        self.data.qvel_mut().copy_from_slice(qvel);
-        self.begin(observation);
-    }
-
     fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) {
         self.data.qpos_mut().copy_from_slice(qpos);
         self.data.qvel_mut().copy_from_slice(qvel);
@@ -176,11 +304,36 @@ impl<T: Task> Replay for Simulation<T> {
         warmstart.copy_from_slice(qacc_warmstart);
     }
 
+    fn settle(&mut self, observation: &mut [f64]) {
+        self.settle_down();
+        self.begin(observation);
+    }
+
+    fn watch_contacts(&mut self) {
+        self.watch = Watch {
+            on: true,
+            geoms: self.task.recorded().approximate_geoms,
+            touched: false,
+        };
+    }
+
+    fn touched(&self) -> bool {
+        self.watch.touched
+    }
+
+    fn recorded(&self) -> Recorded {
+        self.task.recorded()
+    }
+
     fn qpos(&self) -> &[f64] {
         self.data.qpos()
     }
 
     fn qvel(&self) -> &[f64] {
         self.data.qvel()
+    }
+
+    fn ctrl(&self) -> &[f64] {
+        self.data.ctrl()
     }
 }

@@ -1,10 +1,10 @@
 //! What one task adds to the shared [`Simulation`](super::simulation::Simulation).
 
-use std::sync::Arc;
+use std::ops::Range;
 
-use mujoco_rs::{Data, Model};
+use mujoco_rs::Data;
 
-use super::{Rules, VelocityReading};
+use super::scene::Scene;
 use crate::random::Stream;
 
 /// A named part of an observation.
@@ -14,11 +14,26 @@ pub struct Block {
     pub len: usize,
     /// What they are, with units where these are not radians, metres and seconds.
     pub what: &'static str,
+    /// Whether they are the goal, which stays as it is for a whole episode.
+    pub goal: bool,
 }
 
 /// A [`Block`] of `len` numbers.
 pub(super) const fn block(len: usize, what: &'static str) -> Block {
-    Block { len, what }
+    Block {
+        len,
+        what,
+        goal: false,
+    }
+}
+
+/// A [`Block`] of `len` numbers of the goal; such blocks come last.
+pub(super) const fn goal(len: usize, what: &'static str) -> Block {
+    Block {
+        len,
+        what,
+        goal: true,
+    }
 }
 
 /// How the rules find the forward velocity in an observation.
@@ -39,8 +54,8 @@ pub struct Info {
     pub id: &'static str,
     /// One line on the task.
     pub summary: &'static str,
-    /// Name of the scene among the embedded models, for example `half_cheetah.xml`.
-    pub scene: &'static str,
+    /// Where its model comes from.
+    pub scene: Scene,
     /// Physics steps a control step.
     pub frame_skip: usize,
     /// Control steps until an episode is truncated.
@@ -61,9 +76,15 @@ pub struct Info {
 }
 
 impl Info {
-    /// Length of an observation.
+    /// Length of an observation, goal included.
     pub fn obs_size(&self) -> usize {
         self.observation.iter().map(|block| block.len).sum()
+    }
+
+    /// Length of the goal at the end of an observation; 0 for a task without one.
+    pub fn goal_size(&self) -> usize {
+        let goals = self.observation.iter().filter(|block| block.goal);
+        goals.map(|block| block.len).sum()
     }
 
     /// Whether the reward depends on how the velocity is read.
@@ -81,40 +102,58 @@ impl Info {
     }
 }
 
-/// What one task adds to the shared simulation: a task file implements this and nothing else.
+/// How an action becomes the command of the actuators.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// It is the command; MuJoCo clamps it where it computes forces.
+    Action,
+    /// Clipped to [-1, 1], it spans each actuator's range: 0 is the middle.
+    Range,
+}
+
+/// What one task adds to the shared simulation.
 ///
 /// Where a method reads body positions, centre-of-mass quantities or forces after a step, it gets
 /// them as they were before the last physics sub-step was integrated; the published tasks read them
 /// so, and no forward pass is to be added.
-pub trait Task: Send + Sized + 'static {
+pub trait Task: Send {
     /// Figures of the state before a step that the reward of the step needs (often none or one).
     type Carried: AsRef<[f64]> + AsMut<[f64]> + Copy + Send;
-
-    /// The task's constants.
-    const INFO: Info;
 
     /// Whether the observation or reward reads contact forces on bodies, which cost an extra pass.
     const CONTACT_FORCES: bool = false;
 
-    /// Looks up whatever ids the task needs.
-    ///
-    /// # Errors
-    /// If the model lacks an object the task reads.
-    fn new(model: &Model) -> mujoco_rs::Result<Self>;
-
-    /// The task's rules on observations.
-    ///
-    /// # Errors
-    /// If the model lacks an object the rules read.
-    fn rules(model: &Model, reading: VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>>;
+    /// How actions become commands.
+    const COMMAND: Command = Command::Action;
 
     /// Draws the state in which an episode begins; `qpos` arrives as `qpos0`, `qvel` as zeros.
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]);
 
+    /// Control steps under the zero action between [`start`](Task::start) and the first observation.
+    fn settling_steps(&self) -> usize {
+        0
+    }
+
+    /// Whether an episode may begin in the state that settled; if not, the start is drawn again.
+    fn accepts(&self, _data: &Data) -> bool {
+        true
+    }
+
+    /// Draws a goal as an episode gets it whose objects settled at `qpos`.
+    fn draw_goal(&self, _rng: &mut Stream, _qpos: &[f64], _goal: &mut [f64]) {}
+
+    /// The goal of the episode; empty for a task without one.
+    fn goal(&self) -> &[f64] {
+        &[]
+    }
+
+    /// Sets the goal of the episode, as long as [`goal`](Task::goal).
+    fn set_goal(&mut self, _goal: &[f64]) {}
+
     /// Reads the figures that the next step's reward will need.
     fn carry(&self, data: &Data) -> Self::Carried;
 
-    /// Writes the observation.
+    /// Writes the observation but for the goal, which the simulation appends.
     fn observe(&self, data: &Data, observation: &mut [f64]);
 
     /// Reward of the step that led here under `action`, from the figures `before` and after it.
@@ -130,11 +169,28 @@ pub trait Task: Send + Sized + 'static {
     fn terminated(&self, _data: &Data) -> bool {
         false
     }
+
+    /// Whether the goal is reached in this state; `None` for a task that knows no success.
+    fn success(&self, _data: &Data) -> Option<bool> {
+        None
+    }
+
+    /// What recordings leave open of this task's state.
+    fn recorded(&self) -> Recorded {
+        Recorded::default()
+    }
 }
 
-/// Seconds of a control step.
-pub(super) fn dt<T: Task>(model: &Model) -> f64 {
-    model.timestep() * T::INFO.frame_skip as f64
+/// What a comparison with recordings must know of a task.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Recorded {
+    /// Ranges of `qpos` on which nothing depends: bodies that touch nothing and are not observed.
+    pub idle_qpos: Vec<Range<usize>>,
+    /// The same of `qvel`.
+    pub idle_qvel: Vec<Range<usize>>,
+    /// Geoms whose shape is not that of the published model: steps in which something touches them
+    /// differ.
+    pub approximate_geoms: Vec<usize>,
 }
 
 /// Writes `numbers` one after the other.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::error::Errors;
 use super::rollout::{Rollout, RolloutError, Rows};
 use super::{RELATIVE_TOLERANCE, TOLERANCE};
-use crate::env::{self, MakeError, Replay, Rules, VelocityReading};
+use crate::env::{self, MakeError, Replay, Rules, Start, VelocityReading};
 
 /// Why a rollout cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -145,7 +145,14 @@ pub fn replay(rollout: &Rollout) -> Result<Summary, ReplayError> {
             break;
         };
         if rollout.reset_before(t) {
-            replayed.start_at(qpos, qvel, &mut observation);
+            let goal = vec![0.0; replayed.spec().goal_size];
+            let start = Start {
+                qpos,
+                qvel,
+                previous_action: None,
+                goal: &goal,
+            };
+            replayed.start_at(&start, &mut observation);
             if let Some(recorded) = row(&rollout.obs, t) {
                 summary.obs.add_all(&observation, recorded, info.relative);
             }

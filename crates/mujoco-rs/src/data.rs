@@ -126,6 +126,20 @@ impl Data {
         self.raw().ncon as usize
     }
 
+    /// The pairs of geoms that are in contact in the last evaluation.
+    pub fn contacts(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        let n = self.ncon();
+        let contacts = if n == 0 {
+            &[]
+        } else {
+            // SAFETY: MuJoCo keeps at least `ncon` contacts in an array that lives as long as `self`.
+            unsafe { slice::from_raw_parts(self.raw().contact, n) }
+        };
+        contacts
+            .iter()
+            .map(|c| [c.geom1 as usize, c.geom2 as usize])
+    }
+
     /// The raw structure, for parts of MuJoCo that this crate does not wrap.
     pub fn as_mut_ptr(&mut self) -> *mut sys::mjData {
         self.raw.as_ptr()

@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model, Object};
 
 use super::forward::Forward;
 use super::noise::{add_normal, add_uniform};
-use super::task::{block, body_position, dt, effort, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::task::{block, body_position, effort, write};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 0.5;
@@ -20,14 +20,11 @@ pub struct Ant {
     dt: f64,
 }
 
-impl Task for Ant {
-    /// x of the torso's body, which lags one physics step behind the root's position.
-    type Carried = [f64; 1];
-
+impl Locomotion for Ant {
     const INFO: Info = Info {
         id: "Ant-v4",
         summary: "a ball on four legs; run forward without jumping or falling",
-        scene: "ant.xml",
+        scene: Scene::File("ant.xml"),
         frame_skip: 5,
         max_episode_steps: 1000,
         observation: &[
@@ -48,7 +45,7 @@ impl Task for Ant {
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
             torso: model.id(Object::Body, "torso")?,
-            dt: dt::<Self>(model),
+            dt: super::dt::<Self>(model),
         })
     }
 
@@ -64,6 +61,11 @@ impl Task for Ant {
             },
         }))
     }
+}
+
+impl Task for Ant {
+    /// x of the torso's body, which lags one physics step behind the root's position.
+    type Carried = [f64; 1];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.1, qpos);

@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::forward::Forward;
 use super::noise::{add_normal, add_uniform};
-use super::task::{block, dt, effort, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::task::{block, effort, write};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const CONTROL_WEIGHT: f64 = 0.1;
 
@@ -16,14 +16,11 @@ pub struct HalfCheetah {
     dt: f64,
 }
 
-impl Task for HalfCheetah {
-    /// x of the root.
-    type Carried = [f64; 1];
-
+impl Locomotion for HalfCheetah {
     const INFO: Info = Info {
         id: "HalfCheetah-v4",
         summary: "a planar runner with two legs; run forward",
-        scene: "half_cheetah.xml",
+        scene: Scene::File("half_cheetah.xml"),
         frame_skip: 5,
         max_episode_steps: 1000,
         observation: &[
@@ -42,7 +39,7 @@ impl Task for HalfCheetah {
 
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
-            dt: dt::<Self>(model),
+            dt: super::dt::<Self>(model),
         })
     }
 
@@ -55,6 +52,11 @@ impl Task for HalfCheetah {
             healthy: |_| true,
         }))
     }
+}
+
+impl Task for HalfCheetah {
+    /// x of the root.
+    type Carried = [f64; 1];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.1, qpos);

@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::forward::{Forward, observe_within_bound};
 use super::noise::add_uniform;
-use super::task::{block, dt, effort};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::task::{block, effort};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 1e-3;
@@ -23,14 +23,11 @@ pub struct Hopper {
     dt: f64,
 }
 
-impl Task for Hopper {
-    /// x of the root.
-    type Carried = [f64; 1];
-
+impl Locomotion for Hopper {
     const INFO: Info = Info {
         id: "Hopper-v4",
         summary: "a planar hopper with one leg; hop forward without falling",
-        scene: "hopper.xml",
+        scene: Scene::File("hopper.xml"),
         frame_skip: 4,
         max_episode_steps: 1000,
         observation: &[
@@ -49,7 +46,7 @@ impl Task for Hopper {
 
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
-            dt: dt::<Self>(model),
+            dt: super::dt::<Self>(model),
         })
     }
 
@@ -66,6 +63,11 @@ impl Task for Hopper {
             },
         }))
     }
+}
+
+impl Task for Hopper {
+    /// x of the root.
+    type Carried = [f64; 1];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.005, qpos);

@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::forward::effort as effort_f32;
 use super::noise::add_uniform;
-use super::task::{Block, block, dt, effort, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::task::{Block, block, effort, write};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const FORWARD_WEIGHT: f64 = 1.25;
 const ALIVE: f64 = 5.0;
@@ -53,14 +53,11 @@ pub struct Humanoid {
     dt: f64,
 }
 
-impl Task for Humanoid {
-    /// x of the whole body's centre of mass, which lags one physics step behind the state.
-    type Carried = [f64; 1];
-
+impl Locomotion for Humanoid {
     const INFO: Info = Info {
         id: "Humanoid-v4",
         summary: "a walker with arms; run forward without falling",
-        scene: "humanoid.xml",
+        scene: Scene::File("humanoid.xml"),
         frame_skip: 5,
         max_episode_steps: 1000,
         observation: OBSERVATION,
@@ -73,12 +70,10 @@ impl Task for Humanoid {
         relative: true,
     };
 
-    const CONTACT_FORCES: bool = true;
-
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
             masses: model.body_mass().to_vec(),
-            dt: dt::<Self>(model),
+            dt: super::dt::<Self>(model),
         })
     }
 
@@ -88,6 +83,13 @@ impl Task for Humanoid {
             constant: Constant::new(model),
         }))
     }
+}
+
+impl Task for Humanoid {
+    /// x of the whole body's centre of mass, which lags one physics step behind the state.
+    type Carried = [f64; 1];
+
+    const CONTACT_FORCES: bool = true;
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.01, qpos);

@@ -8,7 +8,7 @@ use super::forward::effort as effort_f32;
 use super::humanoid::{CONTACT, Constant, OBSERVATION, observe};
 use super::noise::add_uniform;
 use super::task::effort;
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 0.1;
@@ -20,13 +20,11 @@ pub struct HumanoidStandup {
     timestep: f64,
 }
 
-impl Task for HumanoidStandup {
-    type Carried = [f64; 0];
-
+impl Locomotion for HumanoidStandup {
     const INFO: Info = Info {
         id: "HumanoidStandup-v4",
         summary: "a walker with arms lying on its back; get up",
-        scene: "humanoid_standup.xml",
+        scene: Scene::File("humanoid_standup.xml"),
         frame_skip: 5,
         max_episode_steps: 1000,
         observation: OBSERVATION,
@@ -36,8 +34,6 @@ impl Task for HumanoidStandup {
         velocity: Velocity::None,
         relative: true,
     };
-
-    const CONTACT_FORCES: bool = true;
 
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
@@ -51,6 +47,12 @@ impl Task for HumanoidStandup {
             constant: Constant::new(model),
         }))
     }
+}
+
+impl Task for HumanoidStandup {
+    type Carried = [f64; 0];
+
+    const CONTACT_FORCES: bool = true;
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.01, qpos);

@@ -6,7 +6,7 @@ use mujoco_rs::{Data, Model, Object};
 
 use super::noise::{add_normal, add_uniform};
 use super::task::{block, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 /// Velocities and forces are observed within this bound.
 const MAX_OBSERVED: f64 = 10.0;
@@ -18,13 +18,11 @@ pub struct InvertedDoublePendulum {
     tip: usize,
 }
 
-impl Task for InvertedDoublePendulum {
-    type Carried = [f64; 0];
-
+impl Locomotion for InvertedDoublePendulum {
     const INFO: Info = Info {
         id: "InvertedDoublePendulum-v4",
         summary: "two poles in a chain on a cart; keep them up",
-        scene: "inverted_double_pendulum.xml",
+        scene: Scene::File("inverted_double_pendulum.xml"),
         frame_skip: 5,
         max_episode_steps: 1000,
         observation: &[
@@ -57,6 +55,10 @@ impl Task for InvertedDoublePendulum {
     fn rules(_: &Model, _: VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>> {
         Ok(Arc::new(BothUpright))
     }
+}
+
+impl Task for InvertedDoublePendulum {
+    type Carried = [f64; 0];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.1, qpos);

@@ -6,7 +6,7 @@ use mujoco_rs::{Data, Model};
 
 use super::noise::add_uniform;
 use super::task::{block, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 /// The largest angle of the pole, in radians, at which the task goes on.
 const MAX_ANGLE: f64 = 0.2;
@@ -14,13 +14,11 @@ const MAX_ANGLE: f64 = 0.2;
 /// A pole on a cart.
 pub struct InvertedPendulum;
 
-impl Task for InvertedPendulum {
-    type Carried = [f64; 0];
-
+impl Locomotion for InvertedPendulum {
     const INFO: Info = Info {
         id: "InvertedPendulum-v4",
         summary: "a pole on a cart; keep it up",
-        scene: "inverted_pendulum.xml",
+        scene: Scene::File("inverted_pendulum.xml"),
         frame_skip: 2,
         max_episode_steps: 1000,
         observation: &[
@@ -41,6 +39,10 @@ impl Task for InvertedPendulum {
     fn rules(_: &Model, _: VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>> {
         Ok(Arc::new(Upright))
     }
+}
+
+impl Task for InvertedPendulum {
+    type Carried = [f64; 0];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.01, qpos);

@@ -25,7 +25,36 @@ pub use reacher::Reacher;
 pub use swimmer::Swimmer;
 pub use walker2d::Walker2d;
 
+use std::sync::Arc;
+
+use mujoco_rs::Model;
+
 use super::noise;
+use super::scene::Scene;
 use super::task::{self, Info, Task, Velocity};
 use super::{Rules, VelocityReading};
 use crate::random::Stream;
+
+/// What the registry needs of a task that is described by one file: a task file implements this and
+/// [`Task`], and nothing else.
+pub trait Locomotion: Task + Sized + 'static {
+    /// The task's constants.
+    const INFO: Info;
+
+    /// Looks up whatever ids the task needs.
+    ///
+    /// # Errors
+    /// If the model lacks an object the task reads.
+    fn new(model: &Model) -> mujoco_rs::Result<Self>;
+
+    /// The task's rules on observations.
+    ///
+    /// # Errors
+    /// If the model lacks an object the rules read.
+    fn rules(model: &Model, reading: VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>>;
+}
+
+/// Seconds of a control step.
+fn dt<T: Locomotion>(model: &Model) -> f64 {
+    model.timestep() * T::INFO.frame_skip as f64
+}

@@ -7,7 +7,7 @@ use mujoco_rs::{Data, Model, Object};
 use super::forward::effort as effort_f32;
 use super::noise::{add_uniform, uniform};
 use super::task::{block, body_position, distance, effort, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const NEAR_WEIGHT: f64 = 0.5;
 const CONTROL_WEIGHT: f64 = 0.1;
@@ -21,14 +21,11 @@ pub struct Pusher {
     goal: usize,
 }
 
-impl Task for Pusher {
-    /// Distances of the puck from the tip and from the goal.
-    type Carried = [f64; 2];
-
+impl Locomotion for Pusher {
     const INFO: Info = Info {
         id: "Pusher-v4",
         summary: "an arm of seven joints; push the puck onto the goal",
-        scene: "pusher.xml",
+        scene: Scene::File("pusher.xml"),
         frame_skip: 5,
         max_episode_steps: 100,
         observation: &[
@@ -58,6 +55,11 @@ impl Task for Pusher {
     fn rules(_: &Model, _: VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>> {
         Ok(Arc::new(Push))
     }
+}
+
+impl Task for Pusher {
+    /// Distances of the puck from the tip and from the goal.
+    type Carried = [f64; 2];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         let shift = loop {

@@ -8,7 +8,7 @@ use mujoco_rs::{Data, Model, Object};
 use super::forward::effort as effort_f32;
 use super::noise::{add_uniform, uniform};
 use super::task::{block, body_position, effort, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 /// Targets are drawn from the disc of this radius, in metres.
 const REACH: f64 = 0.2;
@@ -19,14 +19,11 @@ pub struct Reacher {
     target: usize,
 }
 
-impl Task for Reacher {
-    /// Fingertip minus target.
-    type Carried = [f64; 3];
-
+impl Locomotion for Reacher {
     const INFO: Info = Info {
         id: "Reacher-v4",
         summary: "a planar arm of two links; bring the fingertip to the target",
-        scene: "reacher.xml",
+        scene: Scene::File("reacher.xml"),
         frame_skip: 2,
         max_episode_steps: 50,
         observation: &[
@@ -54,6 +51,11 @@ impl Task for Reacher {
     fn rules(_: &Model, _: VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>> {
         Ok(Arc::new(Reach))
     }
+}
+
+impl Task for Reacher {
+    /// Fingertip minus target.
+    type Carried = [f64; 3];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.1, &mut qpos[..2]);

@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::forward::Forward;
 use super::noise::add_uniform;
-use super::task::{block, dt, effort, write};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::task::{block, effort, write};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const CONTROL_WEIGHT: f64 = 1e-4;
 
@@ -16,14 +16,11 @@ pub struct Swimmer {
     dt: f64,
 }
 
-impl Task for Swimmer {
-    /// x of the front tip's frame.
-    type Carried = [f64; 1];
-
+impl Locomotion for Swimmer {
     const INFO: Info = Info {
         id: "Swimmer-v4",
         summary: "a chain of three links in a thick fluid; swim forward",
-        scene: "swimmer.xml",
+        scene: Scene::File("swimmer.xml"),
         frame_skip: 4,
         max_episode_steps: 1000,
         observation: &[
@@ -39,7 +36,7 @@ impl Task for Swimmer {
 
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
-            dt: dt::<Self>(model),
+            dt: super::dt::<Self>(model),
         })
     }
 
@@ -52,6 +49,11 @@ impl Task for Swimmer {
             healthy: |_| true,
         }))
     }
+}
+
+impl Task for Swimmer {
+    /// x of the front tip's frame.
+    type Carried = [f64; 1];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.1, qpos);

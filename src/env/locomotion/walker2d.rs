@@ -6,8 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::forward::{Forward, observe_within_bound};
 use super::noise::add_uniform;
-use super::task::{block, dt, effort};
-use super::{Info, Rules, Stream, Task, Velocity, VelocityReading};
+use super::task::{block, effort};
+use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 1e-3;
@@ -21,14 +21,11 @@ pub struct Walker2d {
     dt: f64,
 }
 
-impl Task for Walker2d {
-    /// x of the root.
-    type Carried = [f64; 1];
-
+impl Locomotion for Walker2d {
     const INFO: Info = Info {
         id: "Walker2d-v4",
         summary: "a planar biped; walk forward without falling",
-        scene: "walker2d.xml",
+        scene: Scene::File("walker2d.xml"),
         frame_skip: 4,
         max_episode_steps: 1000,
         observation: &[
@@ -50,7 +47,7 @@ impl Task for Walker2d {
 
     fn new(model: &Model) -> mujoco_rs::Result<Self> {
         Ok(Self {
-            dt: dt::<Self>(model),
+            dt: super::dt::<Self>(model),
         })
     }
 
@@ -63,6 +60,11 @@ impl Task for Walker2d {
             healthy: |obs| healthy(obs[0].into(), obs[1].into()),
         }))
     }
+}
+
+impl Task for Walker2d {
+    /// x of the root.
+    type Carried = [f64; 1];
 
     fn start(&self, rng: &mut Stream, qpos: &mut [f64], qvel: &mut [f64]) {
         add_uniform(rng, 0.005, qpos);
