@@ -279,6 +279,14 @@ arrays! {
     tendon_limited: [u8; ntendon * 1]
     /// Length range, 2 a tendon.
     tendon_range: [f64; ntendon * 2]
+    /// Distance at which each tendon's limit becomes active.
+    tendon_margin: [f64; ntendon * 1]
+    /// Stiffness of each tendon.
+    tendon_stiffness: [f64; ntendon * 1]
+    /// Damping of each tendon.
+    tendon_damping: [f64; ntendon * 1]
+    /// Friction loss of each tendon.
+    tendon_frictionloss: [f64; ntendon * 1]
     /// Object of each path element (joint, site or geom id).
     wrap_objid: [i32; nwrap * 1]
     /// Coefficient of each path element.
@@ -295,6 +303,22 @@ arrays! {
     actuator_forcelimited: [u8; nu * 1]
     /// Force range, 2 an actuator.
     actuator_forcerange: [f64; nu * 2]
+    /// First geom of each predefined contact pair.
+    pair_geom1: [i32; npair * 1]
+    /// Second geom of each predefined contact pair.
+    pair_geom2: [i32; npair * 1]
+    /// Contact dimensionality of each predefined pair.
+    pair_dim: [i32; npair * 1]
+    /// Friction, 5 a predefined pair.
+    pair_friction: [f64; npair * 5]
+    /// Contact solver reference, 2 a predefined pair.
+    pair_solref: [f64; npair * sys::mjNREF]
+    /// Contact solver impedance, 5 a predefined pair.
+    pair_solimp: [f64; npair * sys::mjNIMP]
+    /// Distance below which contacts of each predefined pair are detected.
+    pair_margin: [f64; npair * 1]
+    /// Distance subtracted from the margin of each predefined pair.
+    pair_gap: [f64; npair * 1]
     /// Gear, 6 an actuator.
     actuator_gear: [f64; nu * 6]
     /// Gain parameters, 10 an actuator.
