@@ -76,6 +76,9 @@ fn report(checkpoint: &Checkpoint, e: &Evaluation) -> std::io::Result<()> {
         e.return_max()
     )?;
     writeln!(out, "length    {:.1}", e.length_mean())?;
+    if let Some(rate) = e.success_rate() {
+        writeln!(out, "success   {:.1} %", 100.0 * rate)?;
+    }
     let diverged = e.episodes.iter().filter(|episode| episode.diverged).count();
     if diverged > 0 {
         writeln!(out, "diverged  {diverged}")?;
@@ -96,9 +99,9 @@ fn create(path: &Path) -> anyhow::Result<csv::Writer<File>> {
 }
 
 fn write(mut writer: csv::Writer<File>, evaluation: &Evaluation) -> Result<(), csv::Error> {
-    writer.write_record(["episode", "return", "length", "diverged"])?;
+    writer.write_record(["episode", "return", "length", "diverged", "success"])?;
     for (i, e) in evaluation.episodes.iter().enumerate() {
-        writer.serialize((i, e.episode_return, e.length, e.diverged))?;
+        writer.serialize((i, e.episode_return, e.length, e.diverged, e.success))?;
     }
     Ok(writer.flush()?)
 }

@@ -48,6 +48,8 @@ pub struct Config {
     pub scaling: ScalingSettings,
     /// Replay buffer.
     pub replay: Replay,
+    /// Demonstrations from whose states segments of experience begin.
+    pub demonstrations: Demonstrations,
     /// Learned dynamics model.
     pub model: ModelSettings,
     /// Imaginary transitions.
@@ -68,6 +70,22 @@ pub struct Config {
 pub struct Replay {
     /// Transitions kept; the oldest are overwritten.
     pub capacity: usize,
+}
+
+/// Demonstrations from whose states segments of experience begin.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Demonstrations {
+    /// Where the recordings are: a directory, an archive or a glob; empty for plain episodes.
+    pub path: String,
+    /// Probability `p_d` that the first segment begins in a state of a demonstration.
+    pub probability: f64,
+    /// Probability `p_r` that the first segment begins with a reset of the second environment.
+    pub reset_probability: f64,
+    /// Factor on both probabilities from one segment to the next.
+    pub decay: f64,
+    /// Steps of a segment.
+    pub segment_steps: u64,
 }
 
 /// What the designer knows of the task.
@@ -159,6 +177,13 @@ impl Config {
             },
             replay: Replay {
                 capacity: 1_000_000,
+            },
+            demonstrations: Demonstrations {
+                path: String::new(),
+                probability: 0.7,
+                reset_probability: 0.2,
+                decay: 0.999_996,
+                segment_steps: 15,
             },
             model: ModelSettings {
                 hidden: vec![256, 256, 256],

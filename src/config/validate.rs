@@ -47,6 +47,22 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         1e6,
     )?;
     positive("replay.capacity", c.replay.capacity as u64)?;
+    let d = &c.demonstrations;
+    within("demonstrations.probability", d.probability, 0.0, 1.0)?;
+    within(
+        "demonstrations.reset_probability",
+        d.reset_probability,
+        0.0,
+        1.0,
+    )?;
+    above_zero("demonstrations.decay", d.decay, 1.0)?;
+    positive("demonstrations.segment_steps", d.segment_steps)?;
+    if d.probability + d.reset_probability > 1.0 {
+        return violation(
+            "demonstrations.reset_probability",
+            format!("at most 1 - demonstrations.probability ({})", d.probability),
+        );
+    }
     widths("model.hidden", &c.model.hidden)?;
     above_zero("model.learning_rate", c.model.learning_rate, rate)?;
     within(

@@ -32,8 +32,7 @@ impl EvalRow {
             return_min: evaluation.return_min(),
             return_max: evaluation.return_max(),
             length_mean: evaluation.length_mean(),
-            // None of the tasks so far has a notion of success.
-            success_rate: None,
+            success_rate: evaluation.success_rate(),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{CheckpointError, RunDirectoryError};
 use crate::env::MakeError;
+use crate::replay::DemonstrationError;
 use std::path::PathBuf;
 
 /// Why a run ended badly.
@@ -24,6 +25,9 @@ pub enum TrainError {
     /// The task can't be made.
     #[error(transparent)]
     Task(#[from] MakeError),
+    /// The demonstrations can't be used.
+    #[error("demonstrations.path: {0}")]
+    Demonstrations(#[from] DemonstrationError),
     /// A file of the run directory can't be written.
     #[error(transparent)]
     RunDirectory(#[from] RunDirectoryError),

@@ -15,6 +15,8 @@ pub struct EpisodeResult {
     pub length: usize,
     /// The simulation blew up; return and length are of what came before.
     pub diverged: bool,
+    /// Whether the goal was reached in the last step; `None` for a task that knows no success.
+    pub success: Option<bool>,
 }
 
 /// Several episodes and what they say of the policy.
@@ -49,6 +51,13 @@ impl Evaluation {
     /// Mean of the episodes' lengths.
     pub fn length_mean(&self) -> f64 {
         mean(self.episodes.iter().map(|e| e.length as f64))
+    }
+
+    /// Fraction of the episodes that end in success; `None` for a task that knows none.
+    pub fn success_rate(&self) -> Option<f64> {
+        let successes: Option<Vec<bool>> = self.episodes.iter().map(|e| e.success).collect();
+        let rate = |s: Vec<bool>| mean(s.into_iter().map(|s| f64::from(u8::from(s))));
+        successes.map(rate)
     }
 
     fn returns(&self) -> impl Iterator<Item = f64> + '_ {
@@ -119,6 +128,7 @@ fn run_episode(env: &mut dyn Env, policy: &Policy, rng: &mut Stream) -> EpisodeR
         episode_return: 0.0,
         length: 0,
         diverged: false,
+        success: None,
     };
     env.reset(rng, &mut observation);
     loop {
@@ -131,6 +141,8 @@ fn run_episode(env: &mut dyn Env, policy: &Policy, rng: &mut Stream) -> EpisodeR
             result.episode_return += step.reward;
             result.length += 1;
         }
+        // A simulation that blew up has not succeeded, whatever it did before.
+        result.success = step.success.or(result.success.map(|_| false));
         if step.terminated || step.truncated {
             return result;
         }

@@ -4,6 +4,7 @@ mod checkpoint;
 mod curves;
 mod error;
 mod evaluation;
+mod experience;
 mod provenance;
 mod run_directory;
 mod trainer;

@@ -1,16 +1,17 @@
 //! The training loop (paper, Algorithm 1).
 
 use super::curves::{self, Curves, EvalRow, Interval, TimingRow};
+use super::experience::{Experience, Runner, Side};
 use super::provenance::Provenance;
 use super::{Checkpoint, Evaluation, Evaluator, RunDirectory, TrainError};
 use crate::agent::{ImaginationDraws, Sample, Td3};
 use crate::config::Config;
-use crate::env::{self, Env};
+use crate::env::{self, Scene, Spec};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
 use crate::random::{Stream, stream};
-use crate::replay::{ReplayBuffer, Transition};
+use crate::replay::{Demonstrations, ReplayBuffer, Segments, Sizes};
 use rand::RngExt;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -49,7 +50,8 @@ pub struct Trainer {
     config: Config,
     directory: RunDirectory,
     curves: Curves,
-    env: Box<dyn Env>,
+    experience: Experience,
+    demonstrations: Option<[usize; 2]>,
     agent: Td3,
     evaluator: Evaluator,
     replay: ReplayBuffer,
@@ -65,7 +67,6 @@ pub struct Trainer {
 
 /// One stream for each use of randomness, so that none shifts another.
 struct Streams {
-    env: Stream,
     exploration: Stream,
     replay: Stream,
     model_replay: Stream,
@@ -81,19 +82,11 @@ struct Clock {
     update: Duration,
 }
 
-/// The running episode of the training environment.
-struct Episode {
-    obs: Vec<f32>,
-    previous_action: Vec<f32>,
-    episode_return: f64,
-    length: u64,
-}
-
 impl Trainer {
     /// Builds a run of `config` in `directory` and writes `config.toml` and `run.json`.
     ///
     /// # Errors
-    /// When the task is unknown or a file can't be written.
+    /// When the task is unknown, the demonstrations can't be used or a file can't be written.
     pub fn new(config: Config, directory: RunDirectory) -> Result<Trainer, TrainError> {
         let (env, rules) = env::make_with(&config.task, config.rules.velocity)?;
         let spec = env.spec().clone();
@@ -136,19 +129,20 @@ impl Trainer {
             error,
         })?;
 
+        let (side, demonstrations) = side(&config, &spec)?.unzip();
         let capacity = config
             .replay
             .capacity
             .min(usize::try_from(config.steps).unwrap_or(usize::MAX));
         Ok(Trainer {
-            env,
+            experience: Experience::new(Runner::new(env, seeded("env")), side),
+            demonstrations,
             agent,
             evaluator: Evaluator::new(&config.task, seeded("eval-env"))?,
             replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
             moments: RunningMoments::new(spec.obs_size),
             scaling: ObservationScaling::identity(spec.obs_size),
             streams: Streams {
-                env: seeded("env"),
                 exploration: seeded("exploration"),
                 replay: seeded("replay"),
                 model_replay: seeded("model-replay"),
@@ -191,21 +185,22 @@ impl Trainer {
                 "{steps} steps end inside phase 1 ({random_steps} random steps): the policy will not be trained"
             ));
         }
+        self.tell_of_demonstrations(monitor);
         let mut largest_reward = f64::NEG_INFINITY;
         let mut policy = self.agent.policy(&self.scaling);
         self.evaluate(0)?;
-        let mut episode = self.reset();
+        self.experience.reset(&mut self.moments);
         for step in 1..=steps {
             let random = step <= random_steps;
             let action = if random {
-                self.random_action(&episode.previous_action)
+                self.random_action()
             } else {
-                let deviation =
-                    (self.config.exploration_noise * self.env.spec().action_limit) as f32;
-                let rng = &mut self.streams.exploration;
-                policy.explore(&episode.obs, &episode.previous_action, deviation, rng)
+                let limit = self.experience.spec().action_limit;
+                let deviation = (self.config.exploration_noise * limit) as f32;
+                let (obs, previous) = self.experience.state();
+                policy.explore(obs, previous, deviation, &mut self.streams.exploration)
             };
-            let reward = self.act(&mut episode, action, step, monitor);
+            let reward = self.act(&action, step, monitor);
             if random {
                 largest_reward = reward.map_or(largest_reward, |r| largest_reward.max(r));
             }
@@ -219,7 +214,7 @@ impl Trainer {
             let learned = self.learn(step)?;
             if step == random_steps {
                 self.begin_phase_2(largest_reward);
-                episode = self.reset();
+                self.experience.reset(&mut self.moments);
             }
             if learned || (rescaled && !random) || step == random_steps {
                 policy = self.agent.policy(&self.scaling);
@@ -244,11 +239,30 @@ impl Trainer {
         Ok(Outcome::Finished)
     }
 
+    /// Says what experience is made of where the published runs used demonstrations.
+    fn tell_of_demonstrations(&self, monitor: &mut dyn Monitor) {
+        let published = matches!(
+            env::info(&self.config.task),
+            Ok(info) if matches!(info.scene, Scene::Hands(_))
+        );
+        match self.demonstrations {
+            Some([trajectories, states]) => monitor.note(&format!(
+                "demonstrations: {trajectories} trajectories with {states} states, from {}",
+                self.config.demonstrations.path
+            )),
+            None if published => monitor.note(
+                "no demonstrations (demonstrations.path is empty): training on plain episodes",
+            ),
+            None => (),
+        }
+    }
+
     /// A uniformly random action of phase 1, coupled like any other.
-    fn random_action(&mut self, previous: &[f32]) -> Vec<f32> {
-        let coupling = self.config.coupling(self.env.spec());
+    fn random_action(&mut self) -> Vec<f32> {
+        let coupling = self.config.coupling(self.experience.spec());
         let limit = coupling.limit as f32;
         let rng = &mut self.streams.exploration;
+        let (_, previous) = self.experience.state();
         let mut action: Vec<f32> = previous
             .iter()
             .map(|_| rng.random_range(-limit..=limit))
@@ -257,61 +271,22 @@ impl Trainer {
         action
     }
 
-    /// Executes `action` and stores the transition; starts a new episode where one ends. Returns
-    /// the reward, none where the simulation blew up.
-    fn act(
-        &mut self,
-        episode: &mut Episode,
-        action: Vec<f32>,
-        step: u64,
-        monitor: &mut dyn Monitor,
-    ) -> Option<f64> {
+    /// Executes `action`; returns the reward, none where the simulation blew up.
+    fn act(&mut self, action: &[f32], step: u64, monitor: &mut dyn Monitor) -> Option<f64> {
         let started = Instant::now();
-        let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
-        let mut observation = vec![0.0; episode.obs.len()];
-        let outcome = self.env.step(&command, &mut observation);
+        let (replay, moments) = (&mut self.replay, &mut self.moments);
+        let taken = self.experience.step(action, replay, moments);
         self.clock.environment += started.elapsed();
-
-        if outcome.diverged {
+        if let Some((episode_return, length)) = taken.ended {
+            self.interval.episode(episode_return, length);
+        }
+        if taken.reward.is_none() {
             self.interval.diverged();
             monitor.note(&format!(
                 "step {step}: the simulation diverged; the episode is truncated"
             ));
-        } else {
-            let next_obs = single(&observation);
-            self.moments.add(&observation);
-            self.replay.push(Transition {
-                obs: &episode.obs,
-                action: &action,
-                reward: outcome.reward as f32,
-                next_obs: &next_obs,
-                terminated: outcome.terminated,
-                previous_action: &episode.previous_action,
-            });
-            episode.obs = next_obs;
-            episode.previous_action = action;
-            episode.episode_return += outcome.reward;
-            episode.length += 1;
         }
-        if outcome.terminated || outcome.truncated {
-            self.interval
-                .episode(episode.episode_return, episode.length);
-            *episode = self.reset();
-        }
-        (!outcome.diverged).then_some(outcome.reward)
-    }
-
-    fn reset(&mut self) -> Episode {
-        let (obs_size, action_size) = (self.env.spec().obs_size, self.env.spec().action_size);
-        let mut observation = vec![0.0; obs_size];
-        self.env.reset(&mut self.streams.env, &mut observation);
-        self.moments.add(&observation);
-        Episode {
-            obs: single(&observation),
-            previous_action: vec![0.0; action_size],
-            episode_return: 0.0,
-            length: 0,
-        }
+        taken.reward
     }
 
     /// The learning of one step: the model alone in phase 1, everything in phase 2. Returns
@@ -353,7 +328,7 @@ impl Trainer {
 
     /// Transitions and noise of one update.
     fn draw_sample(&mut self) -> Sample {
-        let (rows, action_size) = (self.config.batch_size, self.env.spec().action_size);
+        let (rows, action_size) = (self.config.batch_size, self.experience.spec().action_size);
         let (replay, streams) = (&self.replay, &mut self.streams);
         let imagines = self.agent.imagination().is_some();
         let (sample, imagination) = join(
@@ -381,7 +356,7 @@ impl Trainer {
     fn begin_phase_2(&mut self, largest_reward: f64) {
         let settings = &self.config.imagination;
         if self.agent.imagination().is_some() && settings.optimism && largest_reward.is_finite() {
-            let episode_limit = self.env.spec().max_episode_steps as f64;
+            let episode_limit = self.experience.spec().max_episode_steps as f64;
             let bias = largest_reward * episode_limit * settings.bias_factor;
             self.agent.set_optimism(bias as f32);
         }
@@ -472,8 +447,31 @@ impl Clock {
     }
 }
 
-fn single(observation: &[f64]) -> Vec<f32> {
-    observation.iter().map(|x| *x as f32).collect()
+/// The segments beside the main episode, and how many trajectories and states they begin in, if the
+/// run has demonstrations.
+fn side(config: &Config, spec: &Spec) -> Result<Option<(Side, [usize; 2])>, TrainError> {
+    let settings = &config.demonstrations;
+    if settings.path.is_empty() {
+        return Ok(None);
+    }
+    let sizes = Sizes {
+        task: &spec.id,
+        nq: spec.nq,
+        nv: spec.nv,
+        action_size: spec.action_size,
+        action_limit: spec.action_limit,
+    };
+    let demonstrations = Demonstrations::load(&settings.path, &sizes)?;
+    let numbers = [demonstrations.trajectories(), demonstrations.states()];
+    let seeded = |name| stream(config.seed, name);
+    let side = Side::new(
+        Runner::new(env::make(&config.task)?.0, seeded("segment-env")),
+        demonstrations,
+        Segments::new(&settings.segments()),
+        settings.segment_steps,
+        seeded("segments"),
+    );
+    Ok(Some((side, numbers)))
 }
 
 #[cfg(test)]

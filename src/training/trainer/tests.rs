@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::config::Method;
-use crate::env::{EnvState, Spec, StateMismatch, Step};
+use crate::env::{Env, EnvState, Spec, Start, StateMismatch, Step};
+use crate::replay::Transition;
 
 struct Notes(Vec<String>);
 
@@ -37,7 +38,16 @@ impl Env for Diverging {
             terminated: false,
             truncated: diverged,
             diverged,
+            success: None,
         }
+    }
+
+    fn start_at(&mut self, _: &Start<'_>, _: &mut [f64]) {
+        unreachable!("there are no demonstrations")
+    }
+
+    fn draw_goal(&self, _: &mut Stream, _: &[f64]) -> Vec<f64> {
+        unreachable!("the task has no goal")
     }
 
     fn snapshot(&self) -> EnvState {
@@ -66,8 +76,8 @@ fn trainer(directory: &std::path::Path, steps: u64) -> Trainer {
 fn a_diverged_step_is_a_logged_truncation_and_is_not_stored() {
     let directory = tempfile::tempdir().unwrap();
     let mut trainer = trainer(directory.path(), 100);
-    let spec = trainer.env.spec().clone();
-    trainer.env = Box::new(Diverging { spec, steps: 0 });
+    let spec = trainer.experience.spec().clone();
+    trainer.experience.main.env = Box::new(Diverging { spec, steps: 0 });
     let mut notes = Notes(Vec::new());
     let outcome = trainer.train(&mut notes, &AtomicBool::new(false)).unwrap();
     assert_eq!(outcome, Outcome::Finished);

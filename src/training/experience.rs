@@ -1,0 +1,239 @@
+//! Where transitions come from: the running episode and, with demonstrations, short segments beside it.
+
+use crate::env::{Env, Spec, Start};
+use crate::nn::RunningMoments;
+use crate::random::Stream;
+use crate::replay::{Demonstrations, ReplayBuffer, SegmentStart, Segments, Transition};
+
+/// An environment with its running episode.
+pub(super) struct Runner {
+    pub env: Box<dyn Env>,
+    rng: Stream,
+    obs: Vec<f32>,
+    previous_action: Vec<f32>,
+    episode_return: f64,
+    length: u64,
+}
+
+/// Segments that begin in states of demonstrations or from a reset, in an environment of their own,
+/// so that the main episode can go on where it stood.
+pub(super) struct Side {
+    runner: Runner,
+    demonstrations: Demonstrations,
+    segments: Segments,
+    segment_steps: u64,
+    rng: Stream,
+    /// Steps left of the running segment.
+    left: u64,
+    /// Whether the running segment is one of the main episode.
+    in_main: bool,
+}
+
+/// The source of a run's transitions.
+pub(super) struct Experience {
+    pub main: Runner,
+    side: Option<Side>,
+}
+
+/// What one step brought.
+pub(super) struct Taken {
+    /// The reward; none where the simulation blew up.
+    pub reward: Option<f64>,
+    /// Return and length of the main episode, if it ended.
+    pub ended: Option<(f64, u64)>,
+}
+
+impl Runner {
+    /// An environment whose episodes begin from `rng`; to be reset before use.
+    pub fn new(env: Box<dyn Env>, rng: Stream) -> Runner {
+        let (obs, action) = (env.spec().obs_size, env.spec().action_size);
+        Runner {
+            env,
+            rng,
+            obs: vec![0.0; obs],
+            previous_action: vec![0.0; action],
+            episode_return: 0.0,
+            length: 0,
+        }
+    }
+
+    fn reset(&mut self, moments: &mut RunningMoments) {
+        let mut observation = vec![0.0; self.obs.len()];
+        self.env.reset(&mut self.rng, &mut observation);
+        self.begin(&observation, moments);
+        self.previous_action.fill(0.0);
+    }
+
+    /// Begins in a random state of the demonstrations, with a goal drawn as if the objects had just
+    /// settled where the demonstration began.
+    fn start_in(&mut self, demonstrations: &Demonstrations, moments: &mut RunningMoments) {
+        let state = demonstrations.draw(&mut self.rng);
+        let goal = self.env.draw_goal(&mut self.rng, state.first_qpos);
+        let start = Start {
+            qpos: state.qpos,
+            qvel: state.qvel,
+            previous_action: state.previous_action,
+            goal: &goal,
+        };
+        let mut observation = vec![0.0; self.obs.len()];
+        self.env.start_at(&start, &mut observation);
+        self.begin(&observation, moments);
+        match state.previous_action {
+            Some(action) => write_single(&mut self.previous_action, action),
+            None => self.previous_action.fill(0.0),
+        }
+    }
+
+    fn begin(&mut self, observation: &[f64], moments: &mut RunningMoments) {
+        moments.add(observation);
+        write_single(&mut self.obs, observation);
+        self.episode_return = 0.0;
+        self.length = 0;
+    }
+
+    /// Executes `action` and stores the transition unless the simulation blew up; whether the episode
+    /// ended, and the reward.
+    fn step(
+        &mut self,
+        action: &[f32],
+        replay: &mut ReplayBuffer,
+        moments: &mut RunningMoments,
+    ) -> (bool, Option<f64>) {
+        let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
+        let mut observation = vec![0.0; self.obs.len()];
+        let outcome = self.env.step(&command, &mut observation);
+        let ended = outcome.terminated || outcome.truncated;
+        if outcome.diverged {
+            return (ended, None);
+        }
+        let mut next_obs = vec![0.0; self.obs.len()];
+        write_single(&mut next_obs, &observation);
+        moments.add(&observation);
+        replay.push(Transition {
+            obs: &self.obs,
+            action,
+            reward: outcome.reward as f32,
+            next_obs: &next_obs,
+            terminated: outcome.terminated,
+            previous_action: &self.previous_action,
+        });
+        self.obs = next_obs;
+        self.previous_action.copy_from_slice(action);
+        self.episode_return += outcome.reward;
+        self.length += 1;
+        (ended, Some(outcome.reward))
+    }
+
+    /// A step after which a new episode begins if this one ended.
+    fn step_on(
+        &mut self,
+        action: &[f32],
+        replay: &mut ReplayBuffer,
+        moments: &mut RunningMoments,
+    ) -> Taken {
+        let (ended, reward) = self.step(action, replay, moments);
+        let ended = ended.then_some((self.episode_return, self.length));
+        if ended.is_some() {
+            self.reset(moments);
+        }
+        Taken { reward, ended }
+    }
+}
+
+impl Side {
+    /// Segments of `segment_steps` steps; `rng` chooses where they begin.
+    pub fn new(
+        runner: Runner,
+        demonstrations: Demonstrations,
+        segments: Segments,
+        segment_steps: u64,
+        rng: Stream,
+    ) -> Side {
+        Side {
+            runner,
+            demonstrations,
+            segments,
+            segment_steps,
+            rng,
+            left: 0,
+            in_main: true,
+        }
+    }
+
+    /// Begins the next segment.
+    fn begin_segment(&mut self, moments: &mut RunningMoments) {
+        self.left = self.segment_steps;
+        let start = self.segments.draw(&mut self.rng);
+        self.in_main = start == SegmentStart::Continue;
+        match start {
+            SegmentStart::Continue => (),
+            SegmentStart::Reset => self.runner.reset(moments),
+            SegmentStart::Demonstration => self.runner.start_in(&self.demonstrations, moments),
+        }
+    }
+}
+
+impl Experience {
+    /// Plain episodes, or segments where there is a `side`.
+    pub fn new(main: Runner, side: Option<Side>) -> Experience {
+        Experience { main, side }
+    }
+
+    /// Sizes, ranges and limits of the task.
+    pub fn spec(&self) -> &Spec {
+        self.main.env.spec()
+    }
+
+    /// Begins a new main episode, and a new segment.
+    pub fn reset(&mut self, moments: &mut RunningMoments) {
+        self.main.reset(moments);
+        if let Some(side) = &mut self.side {
+            side.begin_segment(moments);
+        }
+    }
+
+    /// Observation and previous executed action on which the next step is to be decided.
+    pub fn state(&self) -> (&[f32], &[f32]) {
+        let runner = match &self.side {
+            Some(side) if !side.in_main => &side.runner,
+            _ => &self.main,
+        };
+        (&runner.obs, &runner.previous_action)
+    }
+
+    /// Executes `action` and stores the transition; begins a new episode or segment where one ends. The
+    /// end of a segment is no end of anything in what is stored.
+    pub fn step(
+        &mut self,
+        action: &[f32],
+        replay: &mut ReplayBuffer,
+        moments: &mut RunningMoments,
+    ) -> Taken {
+        let Some(side) = &mut self.side else {
+            return self.main.step_on(action, replay, moments);
+        };
+        side.left -= 1;
+        let taken = if side.in_main {
+            self.main.step_on(action, replay, moments)
+        } else {
+            let (ended, reward) = side.runner.step(action, replay, moments);
+            if ended {
+                side.left = 0;
+            }
+            Taken {
+                reward,
+                ended: None,
+            }
+        };
+        if side.left == 0 {
+            side.begin_segment(moments);
+        }
+        taken
+    }
+}
+
+fn write_single(out: &mut [f32], numbers: &[f64]) {
+    for (out, x) in out.iter_mut().zip(numbers) {
+        *out = *x as f32;
+    }
+}
