@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use super::error::Errors;
-use super::rollout::{Rollout, RolloutError, Rows};
 use super::{RELATIVE_TOLERANCE, TOLERANCE};
 use crate::env::{self, MakeError, Replay, Rules, VelocityReading};
+use crate::recording::{Recording as Rollout, RecordingError as RolloutError, Rows};
 
 /// Why a rollout cannot be replayed.
 #[derive(Debug, thiserror::Error)]
