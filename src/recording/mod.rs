@@ -9,9 +9,11 @@
 
 mod archive;
 mod error;
+mod find;
 mod read;
 mod rows;
 
 pub use error::RecordingError;
+pub use find::{FindError, find};
 pub use read::{Recording, Settings};
 pub use rows::Rows;
