@@ -91,6 +91,15 @@ impl<'a> Archive<'a> {
         Ok(Some((shape, numbers)))
     }
 
+    /// Byte position of the first number of the array `name`, of `count` numbers, if it is stored
+    /// without compression.
+    pub fn offset(&mut self, name: &str, count: usize) -> Option<u64> {
+        let member = npyz::npz::file_name_from_array_name(name);
+        let file = self.npz.zip_archive().by_name(&member).ok()?;
+        let header = file.compressed_size().checked_sub(8 * count as u64)?;
+        Some(file.data_start() + header)
+    }
+
     /// The member of the array `name`, whole, so that its checksum is tested before its contents are
     /// interpreted.
     fn member(&mut self, name: &str) -> Result<Vec<u8>, RecordingError> {

@@ -1,4 +1,4 @@
-//! Recorded trajectories of a task on disk. No simulator, no networks.
+//! Recorded trajectories of a task on disk: found, read and written. No simulator, no networks.
 //!
 //! A recording is two files of one name. The `.npz` file is a ZIP archive of `.npy` arrays, all of
 //! little-endian doubles in C order; the `.json` file beside it holds the settings: the task, where
@@ -12,8 +12,10 @@ mod error;
 mod find;
 mod read;
 mod rows;
+mod write;
 
 pub use error::RecordingError;
 pub use find::{FindError, find};
 pub use read::{Recording, Settings};
 pub use rows::Rows;
+pub use write::{Array, Recorder, State, Step, WriteError, write};
