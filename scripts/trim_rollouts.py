@@ -16,9 +16,10 @@ import zipfile
 
 import numpy as np
 
-PER_STATE = ["qpos", "qvel", "qacc_warmstart", "time", "obs"]
-PER_STEP = ["action", "reward", "terminated"]
-SETTINGS = ["env", "made_with", "reset_seed", "frame_skip", "timestep", "dt", "nq", "nv", "nu",
+PER_STATE = ["qpos", "qvel", "qacc_warmstart", "time", "obs", "achieved_goal"]
+PER_STEP = ["action", "ctrl", "reward", "reward_sparse", "success", "terminated"]
+WHOLE = ["desired_goal", "presettle_qpos", "presettle_qvel", "presettle_qacc_warmstart", "settle_ctrl"]
+SETTINGS = ["env", "made_with", "pen_inertia", "reset_seed", "frame_skip", "timestep", "dt", "nq", "nv", "nu",
             "obs_size", "actions", "reset_after_termination", "dtype"]
 
 
@@ -43,6 +44,7 @@ def trim(source, target, steps):
     settings = json.loads(source.with_suffix(".json").read_text())
     arrays = np.load(source)
     rows = {name: steps + 1 for name in PER_STATE} | {name: steps for name in PER_STEP}
+    rows |= {name: None for name in WHOLE}
     kept = {name: np.ascontiguousarray(arrays[name][:n]) for name, n in rows.items() if name in arrays}
     np.savez(target, **kept)
     short = {name: settings[name] for name in SETTINGS if name in settings}

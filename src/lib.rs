@@ -8,6 +8,7 @@ pub mod imagination;
 pub mod nn;
 pub mod parallel;
 pub mod random;
+pub mod recording;
 pub mod replay;
 pub mod training;
 pub mod verification;

@@ -309,7 +309,7 @@ fn eval_writes_a_row_an_episode_to_a_new_file() {
     let printed = place.succeed(&arguments);
     let text = place.read("e.csv");
     let mut lines = text.lines();
-    assert_eq!(lines.next(), Some("episode,return,length,diverged"));
+    assert_eq!(lines.next(), Some("episode,return,length,diverged,success"));
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 3);
     let returns = rows.iter().map(|row| row[1].parse::<f64>().unwrap());

@@ -47,14 +47,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// Prints the outcome; the exit code that goes with it.
 fn print(report: &Report) -> std::io::Result<u8> {
     let mut out = std::io::stdout().lock();
-    write!(out, "{}", verification::table(&report.summaries))?;
+    write!(out, "{}", verification::tables(&report.summaries))?;
     writeln!(
         out,
-        "\nobs to qvel: largest error of the simulator (tolerance {:.0e}; relative {:.0e} where the \
-         verdict says so).\nrule: reward computed from observations, with the velocity before the \
-         step; mean-v: with the mean of the\nvelocities around it. known: coordinates that rules fill \
-         in. ends: steps at which the rules, or the\nrecording, disagree with the simulator on \
-         termination.",
+        "\nsettling: state and observation after the steps at rest with which an episode begins. goal: achieved\n\
+         goals, and how far the desired goal is from those the task draws. sparse: reward of the sparse variant.\n\
+         success, ends: steps at which simulator and recording (rules and simulator) disagree. touched: steps in\n\
+         which something touched the forearm, whose shape is approximate; they are kept apart. rule: reward computed\n\
+         from observations, with the velocity before the step; mean-v: with the mean of the velocities around it.\n\
+         known: coordinates that rules fill in. Tolerance {:.0e}; relative {:.0e} where the verdict says so.",
         verification::TOLERANCE,
         verification::RELATIVE_TOLERANCE,
     )?;

@@ -8,6 +8,7 @@ use crate::imagination::{
     UncertaintyScale,
 };
 use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
+use crate::replay::DemonstrationSettings;
 use serde::{Deserialize, Serialize};
 
 /// A whole, resolved configuration. Defaults are the paper's figures (appendix B) where the paper
@@ -49,7 +50,7 @@ pub struct Config {
     /// Replay buffer.
     pub replay: Replay,
     /// Demonstrations from whose states segments of experience begin.
-    pub demonstrations: Demonstrations,
+    pub demonstrations: DemonstrationSettings,
     /// Learned dynamics model.
     pub model: ModelSettings,
     /// Imaginary transitions.
@@ -70,22 +71,6 @@ pub struct Config {
 pub struct Replay {
     /// Transitions kept; the oldest are overwritten.
     pub capacity: usize,
-}
-
-/// Demonstrations from whose states segments of experience begin.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Demonstrations {
-    /// Where the recordings are: a directory, an archive or a glob; empty for plain episodes.
-    pub path: String,
-    /// Probability `p_d` that the first segment begins in a state of a demonstration.
-    pub probability: f64,
-    /// Probability `p_r` that the first segment begins with a reset of the second environment.
-    pub reset_probability: f64,
-    /// Factor on both probabilities from one segment to the next.
-    pub decay: f64,
-    /// Steps of a segment.
-    pub segment_steps: u64,
 }
 
 /// What the designer knows of the task.
@@ -178,13 +163,7 @@ impl Config {
             replay: Replay {
                 capacity: 1_000_000,
             },
-            demonstrations: Demonstrations {
-                path: String::new(),
-                probability: 0.7,
-                reset_probability: 0.2,
-                decay: 0.999_996,
-                segment_steps: 15,
-            },
+            demonstrations: DemonstrationSettings::default(),
             model: ModelSettings {
                 hidden: vec![256, 256, 256],
                 learning_rate: 1e-4,

@@ -96,6 +96,12 @@ pub trait Replay: Env {
     /// What recordings leave open of this task's state.
     fn recorded(&self) -> Recorded;
 
+    /// What the goal would have to be to be reached in this state, `goal_size`.
+    fn achieved_goal(&self) -> Vec<f64>;
+
+    /// How far `goal` lies from the goals that a reset can draw for objects that settled at `qpos`.
+    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64;
+
     /// Positions, `nq`.
     fn qpos(&self) -> &[f64];
 

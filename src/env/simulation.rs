@@ -325,6 +325,16 @@ impl<T: Task> Replay for Simulation<T> {
         self.task.recorded()
     }
 
+    fn achieved_goal(&self) -> Vec<f64> {
+        let mut achieved = vec![0.0; self.spec.goal_size];
+        self.task.achieved_goal(&self.data, &mut achieved);
+        achieved
+    }
+
+    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64 {
+        self.task.goal_error(qpos, goal)
+    }
+
     fn qpos(&self) -> &[f64] {
         self.data.qpos()
     }

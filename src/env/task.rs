@@ -150,6 +150,14 @@ pub trait Task: Send {
     /// Sets the goal of the episode, as long as [`goal`](Task::goal).
     fn set_goal(&mut self, _goal: &[f64]) {}
 
+    /// Writes what the goal would have to be to be reached in this state.
+    fn achieved_goal(&self, _data: &Data, _achieved: &mut [f64]) {}
+
+    /// How far `goal` lies from the goals that [`draw_goal`](Task::draw_goal) can give.
+    fn goal_error(&self, _qpos: &[f64], _goal: &[f64]) -> f64 {
+        0.0
+    }
+
     /// Reads the figures that the next step's reward will need.
     fn carry(&self, data: &Data) -> Self::Carried;
 

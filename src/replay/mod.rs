@@ -1,7 +1,12 @@
-//! Transitions: stored, and sampled into batches. No networks, no simulator.
+//! Transitions: stored, and sampled into batches; and the demonstrations that experience begins
+//! from. No networks, no simulator.
 
 mod batch;
 mod buffer;
+mod demonstrations;
+mod segments;
 
 pub use batch::Batch;
 pub use buffer::{ReplayBuffer, Transition};
+pub use demonstrations::{DemonstrationError, DemonstrationState, Demonstrations, Sizes};
+pub use segments::{DemonstrationSettings, SegmentStart, Segments};

@@ -467,7 +467,7 @@ fn side(config: &Config, spec: &Spec) -> Result<Option<(Side, [usize; 2])>, Trai
     let side = Side::new(
         Runner::new(env::make(&config.task)?.0, seeded("segment-env")),
         demonstrations,
-        Segments::new(&settings.segments()),
+        Segments::new(settings),
         settings.segment_steps,
         seeded("segments"),
     );

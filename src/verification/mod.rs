@@ -7,14 +7,14 @@
 mod error;
 mod replay;
 mod report;
-mod rollout;
 
 use std::path::{Path, PathBuf};
 
+use crate::recording::Recording;
+
 pub use error::Errors;
-pub use replay::{ReplayError, Summary, replay};
-pub use report::table;
-pub use rollout::{Rollout, RolloutError};
+pub use replay::{Differences, ReplayError, Summary, replay};
+pub use report::tables;
 
 /// Largest absolute error of a task that reproduces its rollouts.
 pub const TOLERANCE: f64 = 1e-9;
@@ -79,18 +79,18 @@ pub fn verify(directory: &Path, task: Option<&str>) -> Result<Report, UnusableIn
 
     let mut report = Report::default();
     for file in &files {
-        let replayed = Rollout::settings(file).and_then(|settings| {
+        let replayed = Recording::settings(file).and_then(|settings| {
             if task.is_some_and(|task| task != settings.env) {
                 return Ok(None);
             }
-            Rollout::read(file, settings).map(Some)
+            Recording::read(file, settings).map(Some)
         });
         match replayed {
             Ok(None) => report.skipped += 1,
             Ok(Some(rollout)) => match replay(&rollout) {
                 Ok(summary) => report.summaries.push(summary),
                 // An error of the rollout names the file itself.
-                Err(ReplayError::Rollout(error)) => report.failures.push(error.to_string()),
+                Err(ReplayError::Recording(error)) => report.failures.push(error.to_string()),
                 Err(error) => report.failures.push(format!("{}: {error}", file.display())),
             },
             Err(error) => report.failures.push(error.to_string()),
@@ -115,7 +115,7 @@ fn collect(directory: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
         }
         let arrays = path.with_extension("npz");
         let is = |extension| path.extension().is_some_and(|e| e == extension);
-        let orphan = is("json") && !arrays.exists() && Rollout::settings(&arrays).is_ok();
+        let orphan = is("json") && !arrays.exists() && Recording::settings(&arrays).is_ok();
         if is("npz") || orphan {
             files.push(arrays);
         }

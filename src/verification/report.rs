@@ -1,99 +1,121 @@
-//! The table that `mamf verify` prints.
+//! The tables that `mamf verify` prints.
 
 use std::fmt::Write as _;
 
 use super::error::Errors;
-use super::replay::{RulesErrors, Summary};
+use super::replay::Summary;
+use crate::env::PenInertia;
 
-const COLUMNS: [&str; 14] = [
-    "task",
-    "steps",
-    "obs",
-    "reward",
-    "qpos",
-    "qvel",
-    "rule mean",
-    "rule max",
-    "mean-v mean",
-    "mean-v max",
-    "known",
-    "ends: rule",
-    "recorded",
-    "verdict",
-];
+/// What stands where there is no figure; a column of nothing else is left out.
+const NOTHING: &str = "-";
 
-/// One line for each task: largest errors of the simulator, errors of the rules on observations
-/// (with the velocity read before the step, then, as `mean-v`, with the mean of the velocities around
-/// it), largest error of the coordinates the rules know, and at how many steps the rules, and the
-/// recording, disagree with the simulator on termination.
-pub fn table(summaries: &[Summary]) -> String {
+/// Two tables with one line for each task: the simulator against the recordings, and what rules say
+/// of observations against the simulator.
+pub fn tables(summaries: &[Summary]) -> String {
     let mut tasks: Vec<Summary> = Vec::new();
     for summary in summaries {
-        match tasks.iter_mut().find(|task| task.env == summary.env) {
+        match tasks.iter_mut().find(|task| task.is_alike(summary)) {
             Some(task) => task.merge(summary),
             None => tasks.push(summary.clone()),
         }
     }
-    let mut rows = vec![COLUMNS.map(str::to_owned)];
-    rows.extend(tasks.iter().map(cells));
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
-    let widths: Vec<usize> = (0..COLUMNS.len()).filter_map(width).collect();
-
-    let mut text = String::new();
-    for row in &rows {
-        let mut line = String::new();
-        for (column, (cell, width)) in row.iter().zip(&widths).enumerate() {
-            // Words to the left, numbers to the right.
-            let _ = match column {
-                0 => write!(line, "{cell:width$}"),
-                13 => write!(line, "  {cell}"),
-                _ => write!(line, "  {cell:>width$}"),
-            };
-        }
-        text.push_str(line.trim_end());
-        text.push('\n');
-    }
-    text
+    let simulator = table(&tasks, simulator_cells);
+    let rules = table(&tasks, rules_cells);
+    format!("Simulator, largest errors\n{simulator}\nRules on observations\n{rules}")
 }
 
-fn cells(summary: &Summary) -> [String; 14] {
-    let rule = |errors: Option<&RulesErrors>| match errors {
-        Some(errors) => (
-            number(errors.reward.mean()),
-            number(errors.reward.largest()),
-        ),
-        None => ("-".to_owned(), "-".to_owned()),
+/// A line for each task, of the cells under their headings.
+fn table(tasks: &[Summary], cells: fn(&Summary) -> Vec<(&'static str, String)>) -> String {
+    let lines: Vec<Vec<(&str, String)>> = tasks.iter().map(cells).collect();
+    let columns = lines.first().map_or(0, Vec::len);
+    let mut text = vec![String::new(); lines.len() + 1];
+    for column in 0..columns {
+        if lines.iter().all(|line| line[column].1 == NOTHING) {
+            continue;
+        }
+        let heading = lines[0][column].0;
+        let column = lines.iter().map(|line| line[column].1.as_str());
+        let cells: Vec<&str> = std::iter::once(heading).chain(column).collect();
+        let width = cells.iter().map(|cell| cell.len()).max().unwrap_or(0);
+        for (text, cell) in text.iter_mut().zip(cells) {
+            // Words to the left, numbers to the right.
+            let _ = match heading {
+                "task" => write!(text, "{cell:width$}"),
+                "verdict" => write!(text, "  {cell}"),
+                _ => write!(text, "  {cell:>width$}"),
+            };
+        }
+    }
+    text.iter()
+        .fold(String::new(), |all, line| all + line.trim_end() + "\n")
+}
+
+fn simulator_cells(summary: &Summary) -> Vec<(&'static str, String)> {
+    let found = &summary.differences;
+    let touched = match summary.touched {
+        0 if summary.watched => "0".to_owned(),
+        0 => NOTHING.to_owned(),
+        n => n.to_string(),
     };
-    let largest = |errors: &Errors| number(errors.largest());
-    let (start_mean, start_max) = rule(Some(&summary.start));
-    let (mean_mean, mean_max) = rule(summary.mean.as_ref());
     let verdict = match (summary.within_tolerance(), summary.relative) {
         (true, false) => "ok",
         (true, true) => "ok (relative)",
         (false, _) => "FAILED",
     };
-    [
-        summary.env.clone(),
-        summary.steps.to_string(),
-        largest(&summary.obs),
-        largest(&summary.reward),
-        largest(&summary.qpos),
-        largest(&summary.qvel),
-        start_mean,
-        start_max,
-        mean_mean,
-        mean_max,
-        largest(&summary.known),
-        summary.start.terminated.to_string(),
-        summary.terminated.to_string(),
-        verdict.to_owned(),
+    let flags = |recorded: bool, n: usize| {
+        if recorded {
+            n.to_string()
+        } else {
+            NOTHING.to_owned()
+        }
+    };
+    vec![
+        ("task", name(summary)),
+        ("steps", summary.steps.to_string()),
+        ("settling", largest(&found.settling)),
+        ("ctrl", largest(&found.ctrl)),
+        ("obs", largest(&found.obs)),
+        ("goal", largest(&found.goal)),
+        ("reward", largest(&found.reward)),
+        ("sparse", largest(&found.sparse)),
+        ("success", flags(summary.has_success, found.success)),
+        ("ends", flags(summary.has_ends, found.terminated)),
+        ("qpos", largest(&found.qpos)),
+        ("qvel", largest(&found.qvel)),
+        ("touched", touched),
+        ("qpos there", largest(&summary.touched_differences.qpos)),
+        ("verdict", verdict.to_owned()),
     ]
+}
+
+fn rules_cells(summary: &Summary) -> Vec<(&'static str, String)> {
+    let mean = summary.mean.as_ref().map(|errors| &errors.reward);
+    vec![
+        ("task", name(summary)),
+        ("rule mean", number(summary.start.reward.mean())),
+        ("rule max", number(summary.start.reward.largest())),
+        ("mean-v mean", number(mean.and_then(Errors::mean))),
+        ("mean-v max", number(mean.and_then(Errors::largest))),
+        ("known", largest(&summary.known)),
+        ("ends", summary.start.terminated.to_string()),
+    ]
+}
+
+fn name(summary: &Summary) -> String {
+    match summary.inertia {
+        PenInertia::Published => summary.env.clone(),
+        PenInertia::Derived => format!("{} (derived inertia)", summary.env),
+    }
+}
+
+fn largest(errors: &Errors) -> String {
+    number(errors.largest())
 }
 
 fn number(value: Option<f64>) -> String {
     match value {
         Some(0.0) => "0".to_owned(),
         Some(value) => format!("{value:.1e}"),
-        None => "-".to_owned(),
+        None => NOTHING.to_owned(),
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mujoco_rs::{Data, Model};
 
-use super::layout::{Beginning, Layout, POISED};
+use super::layout::{Beginning, Layout, POISED, Region};
 use super::noise::uniform;
 use super::pose::{POSE, distance, product, random_rotation};
 use super::scene::Object;
@@ -117,6 +117,19 @@ impl TwoHands {
         })
     }
 
+    /// Where goals lie, object by object, for objects that settled at `qpos`: the first one gets the
+    /// region whose centre is farther from it (in a tie the second), the second one the other.
+    fn regions(&self, qpos: &[f64]) -> impl Iterator<Item = &'static Region> {
+        let object = &qpos[self.indices.qpos(0)];
+        let distances = self.layout.goals.each_ref().map(|region| {
+            let centre = region.centre();
+            (0..3).map(|i| (object[i] - centre[i]).powi(2)).sum::<f64>()
+        });
+        let first = usize::from(distances[0] <= distances[1]);
+        let goals = &self.layout.goals;
+        (first..).map(move |i| &goals[i % 2])
+    }
+
     /// Object and goal poses.
     fn poses<'a>(
         &'a self,
@@ -192,23 +205,32 @@ impl Task for TwoHands {
         }
     }
 
-    /// The first object gets the region whose centre is farther from it (the second one in a tie), the
-    /// second object the other.
     fn draw_goal(&self, rng: &mut Stream, qpos: &[f64], goal: &mut [f64]) {
-        let object = &qpos[self.indices.qpos(0)];
-        let far = self.layout.goals.map(|region| {
-            let centre = region.centre();
-            (0..3).map(|i| (object[i] - centre[i]).powi(2)).sum::<f64>()
-        });
-        let first = usize::from(far[0] <= far[1]);
-        for (i, goal) in goal.chunks_exact_mut(POSE).enumerate() {
-            let region = &self.layout.goals[(first + i) % 2];
+        for (goal, region) in goal.chunks_exact_mut(POSE).zip(self.regions(qpos)) {
             for j in 0..3 {
                 goal[j] = uniform(rng, region.low[j], region.high[j]);
             }
         }
         for goal in goal.chunks_exact_mut(POSE) {
             goal[3..].copy_from_slice(&random_rotation(rng));
+        }
+    }
+
+    /// Distance from the region, of the quaternion from unit length, or of its first number below 0.
+    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64 {
+        let goals = goal.chunks_exact(POSE).zip(self.regions(qpos));
+        let errors = goals.map(|(goal, region)| {
+            let outside = (0..3).map(|j| goal[j] - goal[j].clamp(region.low[j], region.high[j]));
+            let norm = goal[3..].iter().map(|x| x * x).sum::<f64>().sqrt();
+            let errors = outside.chain([norm - 1.0, goal[3].min(0.0)]);
+            errors.fold(0.0, |largest: f64, error| largest.max(error.abs()))
+        });
+        errors.fold(0.0, f64::max)
+    }
+
+    fn achieved_goal(&self, data: &Data, achieved: &mut [f64]) {
+        for (i, pose) in achieved.chunks_exact_mut(POSE).enumerate() {
+            pose.copy_from_slice(&data.qpos()[self.indices.qpos(2 * i)]);
         }
     }
 

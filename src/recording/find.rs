@@ -1,0 +1,174 @@
+//! Finds recordings on disk.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why no recording is found. Each message names the pattern or the path.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FindError {
+    /// A directory cannot be read.
+    #[error("cannot read the directory {}: {source}", path.display())]
+    Directory {
+        /// The directory.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The pattern is malformed.
+    #[error("`{pattern}` is not a pattern of paths: {source}")]
+    Pattern {
+        /// The pattern.
+        pattern: String,
+        /// What is wrong.
+        source: glob::PatternError,
+    },
+    /// There is no such path.
+    #[error("nothing matches `{pattern}`")]
+    NoMatch {
+        /// The pattern.
+        pattern: String,
+    },
+    /// There are only other files, or none.
+    #[error("`{pattern}` holds no recording (.npz)")]
+    NoRecording {
+        /// The pattern.
+        pattern: String,
+    },
+}
+
+/// The archives of all recordings that `pattern` means, sorted, each once.
+///
+/// It is an `.npz` file, a directory, which is searched with all below it, or a glob (`*`, `?`,
+/// `[...]`, `**`) that matches such files and directories.
+///
+/// # Errors
+/// If there is none, the pattern is malformed or a directory cannot be read.
+pub fn find(pattern: &str) -> Result<Vec<PathBuf>, FindError> {
+    let mut search = Search::default();
+    for path in matches(pattern)? {
+        search.add(path)?;
+    }
+    if search.found.is_empty() {
+        return Err(FindError::NoRecording {
+            pattern: pattern.to_owned(),
+        });
+    }
+    Ok(search.found.into_iter().collect())
+}
+
+/// The path `pattern` itself if it exists, or else all that match it.
+fn matches(pattern: &str) -> Result<Vec<PathBuf>, FindError> {
+    if Path::new(pattern).exists() {
+        return Ok(vec![pattern.into()]);
+    }
+    let paths = glob::glob(pattern).map_err(|source| FindError::Pattern {
+        pattern: pattern.to_owned(),
+        source,
+    })?;
+    let paths: Result<Vec<PathBuf>, _> = paths.collect();
+    let paths = paths.map_err(|error| FindError::Directory {
+        path: error.path().to_owned(),
+        source: error.into(),
+    })?;
+    if paths.is_empty() {
+        return Err(FindError::NoMatch {
+            pattern: pattern.to_owned(),
+        });
+    }
+    Ok(paths)
+}
+
+#[derive(Default)]
+struct Search {
+    found: BTreeSet<PathBuf>,
+    /// Directories already searched, as the system names them: links may lead round in circles.
+    searched: BTreeSet<PathBuf>,
+}
+
+impl Search {
+    fn add(&mut self, path: PathBuf) -> Result<(), FindError> {
+        if path.is_dir() {
+            return self.add_directory(&path);
+        }
+        if path.extension().is_some_and(|e| e == "npz") {
+            self.found.insert(path);
+        }
+        Ok(())
+    }
+
+    fn add_directory(&mut self, path: &Path) -> Result<(), FindError> {
+        let unreadable = |source| FindError::Directory {
+            path: path.to_owned(),
+            source,
+        };
+        let name = path.canonicalize().map_err(unreadable)?;
+        if !self.searched.insert(name) {
+            return Ok(());
+        }
+        for entry in fs::read_dir(path).map_err(unreadable)? {
+            self.add(entry.map_err(unreadable)?.path())?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A directory with two recordings in `a`, one in `b`, none in `c`.
+    fn tree() -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
+        for directory in ["a", "b", "c"] {
+            fs::create_dir(root.path().join(directory)).unwrap();
+        }
+        for file in ["a/2.npz", "a/1.npz", "a/1.json", "b/3.npz", "c/notes.txt"] {
+            fs::write(root.path().join(file), "").unwrap();
+        }
+        root
+    }
+
+    fn found(root: &tempfile::TempDir, pattern: &str) -> Result<Vec<String>, FindError> {
+        let relative = |path: &PathBuf| {
+            let path = path.strip_prefix(root.path()).unwrap();
+            path.to_str().unwrap().to_owned()
+        };
+        let pattern = root.path().join(pattern);
+        find(pattern.to_str().unwrap()).map(|paths| paths.iter().map(relative).collect())
+    }
+
+    #[test]
+    fn files_directories_and_globs() {
+        let root = tree();
+        assert_eq!(found(&root, "").unwrap(), ["a/1.npz", "a/2.npz", "b/3.npz"]);
+        assert_eq!(found(&root, "a/2.npz").unwrap(), ["a/2.npz"]);
+        assert_eq!(found(&root, "*/[13].npz").unwrap(), ["a/1.npz", "b/3.npz"]);
+        assert_eq!(found(&root, "a/*").unwrap(), ["a/1.npz", "a/2.npz"]);
+        // `**` matches directories and the files in them: each recording once.
+        assert_eq!(found(&root, "**/*").unwrap().len(), 3);
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_apart() {
+        let root = tree();
+        let message = |pattern| found(&root, pattern).unwrap_err().to_string();
+        assert!(message("c").ends_with("c` holds no recording (.npz)"));
+        assert!(message("c/*.txt").contains("holds no recording"));
+        assert!(message("a/1.json").contains("holds no recording"));
+        let nothing = message("d/*.npz");
+        assert!(nothing.starts_with("nothing matches") && nothing.contains("d/*.npz"));
+        assert!(message("nowhere").starts_with("nothing matches"));
+        assert!(message("a/[").contains("not a pattern"));
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_in_circles_end() {
+        let root = tree();
+        std::os::unix::fs::symlink(root.path(), root.path().join("a/up")).unwrap();
+        assert_eq!(found(&root, "").unwrap().len(), 3);
+    }
+}

@@ -1,0 +1,77 @@
+//! Rows of equal length.
+
+/// Rows of equal length.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rows {
+    numbers: Vec<f64>,
+    rows: usize,
+    columns: usize,
+}
+
+impl Rows {
+    /// `rows` rows of `columns` numbers, row by row.
+    ///
+    /// # Panics
+    /// When there are not `rows * columns` numbers.
+    pub fn new(numbers: Vec<f64>, rows: usize, columns: usize) -> Rows {
+        assert_eq!(Some(numbers.len()), rows.checked_mul(columns));
+        Rows {
+            numbers,
+            rows,
+            columns,
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Length of a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Row `t`, if there is one.
+    pub fn get(&self, t: usize) -> Option<&[f64]> {
+        (t < self.rows).then(|| &self.numbers[t * self.columns..][..self.columns])
+    }
+
+    /// The same rows with each number brought into `-limit..=limit`.
+    #[must_use]
+    pub fn clipped(mut self, limit: f64) -> Rows {
+        for x in &mut self.numbers {
+            *x = x.min(limit).max(-limit);
+        }
+        self
+    }
+
+    /// The first number that is NaN or infinite, with its row.
+    pub fn first_not_finite(&self) -> Option<(usize, f64)> {
+        let at = self.numbers.iter().position(|x| !x.is_finite())?;
+        Some((at / self.columns, self.numbers[at]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_clipping_and_finiteness() {
+        let rows = Rows::new(vec![0.5, -3.0, 1.0, f64::INFINITY], 2, 2);
+        assert_eq!(rows.get(1), Some(&[1.0, f64::INFINITY][..]));
+        assert_eq!(rows.get(2), None);
+        assert_eq!(rows.first_not_finite(), Some((1, f64::INFINITY)));
+        let clipped = rows.clipped(1.0);
+        assert_eq!(clipped.get(0), Some(&[0.5, -1.0][..]));
+        assert_eq!(clipped.first_not_finite(), None);
+    }
+
+    #[test]
+    fn rows_without_columns_are_empty() {
+        let rows = Rows::new(vec![], 3, 0);
+        assert_eq!(rows.get(2), Some(&[][..]));
+        assert_eq!(rows.first_not_finite(), None);
+    }
+}
