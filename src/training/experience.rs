@@ -237,3 +237,133 @@ fn write_single(out: &mut [f32], numbers: &[f64]) {
         *out = *x as f32;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env;
+    use crate::random::stream;
+    use crate::recording::{Recorder, State, Step};
+    use crate::replay::{DemonstrationSettings, Sizes};
+
+    const TASK: &str = "Reacher-v4";
+    const RECORDED: usize = 30;
+    const SEGMENT: u64 = 7;
+
+    fn state<'a>(qpos: &'a [f64], qvel: &'a [f64], obs: &'a [f64], time: f64) -> State<'a> {
+        State {
+            qpos,
+            qvel,
+            qacc_warmstart: &[0.0; 4],
+            time,
+            obs,
+            achieved_goal: None,
+        }
+    }
+
+    /// A trajectory of the task under actions that tell the step they were taken in.
+    fn recorded(directory: &std::path::Path) -> Demonstrations {
+        let mut env = env::make_replay(TASK).unwrap();
+        let mut observation = vec![0.0; env.spec().obs_size];
+        env.reset(&mut stream(9, "env"), &mut observation);
+        let (qpos, qvel) = (env.qpos().to_vec(), env.qvel().to_vec());
+        let mut recorder = Recorder::new(TASK, "a test", &state(&qpos, &qvel, &observation, 0.0));
+        for t in 0..RECORDED {
+            let action = [0.02 * (t + 1) as f64, 0.0];
+            let step = env.step(&action, &mut observation);
+            let taken = Step {
+                action: &action,
+                ctrl: None,
+                reward: step.reward,
+                terminated: false,
+                success: None,
+            };
+            let after = state(env.qpos(), env.qvel(), &observation, (t + 1) as f64);
+            recorder.push(&taken, &after);
+        }
+        recorder.save(&directory.join("one")).unwrap();
+        let sizes = Sizes {
+            task: TASK,
+            nq: 4,
+            nv: 4,
+            action_size: 2,
+            action_limit: 1.0,
+        };
+        Demonstrations::load(directory.to_str().unwrap(), &sizes).unwrap()
+    }
+
+    fn experience(demonstrations: Demonstrations, p_d: f64, p_r: f64) -> Experience {
+        let settings = DemonstrationSettings {
+            probability: p_d,
+            reset_probability: p_r,
+            decay: 1.0,
+            ..DemonstrationSettings::default()
+        };
+        let runner = |name| Runner::new(env::make(TASK).unwrap().0, stream(1, name));
+        let side = Side::new(
+            runner("segment-env"),
+            demonstrations,
+            Segments::new(&settings),
+            SEGMENT,
+            stream(1, "segments"),
+        );
+        Experience::new(runner("env"), Some(side))
+    }
+
+    /// Steps of zero action, and of each: whether it was one of the main episode, the observation and
+    /// previous action it was taken on, and whether it ended the main episode.
+    fn run(experience: &mut Experience, steps: usize) -> Vec<(bool, Vec<f32>, Vec<f32>, bool)> {
+        let mut replay = ReplayBuffer::new(steps, 11, 2);
+        let mut moments = RunningMoments::new(11);
+        experience.reset(&mut moments);
+        let taken = (0..steps).map(|_| {
+            let (obs, previous) = experience.state();
+            let (obs, previous) = (obs.to_vec(), previous.to_vec());
+            let main = experience.side.as_ref().is_none_or(|side| side.in_main);
+            let taken = experience.step(&[0.0; 2], &mut replay, &mut moments);
+            (main, obs, previous, taken.ended.is_some())
+        });
+        let taken = taken.collect();
+        assert_eq!(replay.len(), steps);
+        let stored = replay.newest(steps);
+        assert!(stored.terminated.iter().all(|d| *d == 0.0));
+        taken
+    }
+
+    #[test]
+    fn segments_begin_in_recorded_states_after_the_recorded_action() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut experience = experience(recorded(directory.path()), 1.0, 0.0);
+        let mut seen = std::collections::BTreeSet::new();
+        for (t, (main, _, previous, _)) in run(&mut experience, 700).into_iter().enumerate() {
+            assert!(!main);
+            if !(t as u64).is_multiple_of(SEGMENT) {
+                assert_eq!(previous, [0.0, 0.0], "the action executed in the segment");
+                continue;
+            }
+            let step = (previous[0] / 0.02).round() as usize;
+            assert!((previous[0] - 0.02 * step as f32).abs() < 1e-6 && step < RECORDED);
+            seen.insert(step);
+        }
+        assert!(seen.len() > 20 && seen.contains(&0), "{seen:?}");
+    }
+
+    #[test]
+    fn the_main_episode_goes_on_where_it_stood() {
+        let directory = tempfile::tempdir().unwrap();
+        let demonstrations = recorded(directory.path());
+        let mixed = run(&mut experience(demonstrations, 0.4, 0.3), 2000);
+        // The same main environment alone, from the same stream.
+        let runner = Runner::new(env::make(TASK).unwrap().0, stream(1, "env"));
+        let main: Vec<_> = mixed.iter().filter(|taken| taken.0).collect();
+        let alone = run(&mut Experience::new(runner, None), main.len());
+        assert!(main.len() > 400 && main.len() < 800, "{}", main.len());
+        for (mixed, alone) in main.into_iter().zip(&alone) {
+            assert_eq!(mixed, alone);
+        }
+        // Whole segments, but for the ends of main episodes, which are no ends of segments.
+        for segment in mixed.chunks(SEGMENT as usize) {
+            assert!(segment.iter().all(|taken| taken.0 == segment[0].0));
+        }
+    }
+}

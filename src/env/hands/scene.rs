@@ -98,23 +98,31 @@ impl HandScene {
                 let _ = writeln!(text, "  <include file=\"{file}\"/>");
                 text
             });
-        let middle = self
-            .layout
-            .mounts
-            .iter()
-            .map(|m| m.position[1])
-            .sum::<f64>()
-            / self.layout.mounts.len() as f64;
         let scene = fill(
             SCENE,
             &[
                 ("{name}", &self.name()),
                 ("{floor}", &self.layout.floor.to_string()),
-                ("{camera_pos}", &format!("1.9 {middle} 0.85")),
+                ("{camera_pos}", &numbers(&self.camera())),
                 ("{parts}", parts.trim_end()),
             ],
         );
         (scene, files)
+    }
+
+    /// Where a camera that looks along (-0.87, 0, -0.5) sees both hands, or one hand's fingers.
+    fn camera(&self) -> [f64; 3] {
+        let n = self.layout.mounts.len() as f64;
+        let positions = || self.layout.mounts.iter().map(|m| m.position);
+        let [x, y, z] = [0, 1, 2].map(|i| positions().map(|p| p[i]).sum::<f64>() / n);
+        let (y, distance) = match self.layout.mounts {
+            [first, second] => {
+                let apart = (first.position[1] - second.position[1]).abs();
+                (y, 0.75 + 0.85 * apart)
+            }
+            _ => (self.layout.places[0].object[1] + 0.05, 0.6),
+        };
+        [x + 0.87 * distance, y, z + 0.05 + 0.5 * distance]
     }
 
     fn hand(&self, i: usize, mount: &Mount) -> File {
