@@ -373,6 +373,26 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
             "compute.backend=gpu",
             &["`compute.backend`", "`flex`", "`ndarray`"],
         ),
+        (
+            "demonstrations.probability=1.5",
+            &["`demonstrations.probability`", "from 0 to 1"],
+        ),
+        (
+            "demonstrations.probability=0.9",
+            &["`demonstrations.probability`", "0.9", "at most 0.8 beside"],
+        ),
+        (
+            "demonstrations.decay=0",
+            &["`demonstrations.decay`", "above 0"],
+        ),
+        (
+            "demonstrations.segment_steps=0",
+            &["`demonstrations.segment_steps`", "at least 1"],
+        ),
+        (
+            "demonstrations.path=3",
+            &["`demonstrations.path`", "a string"],
+        ),
         ("imagination", &["--set imagination", "KEY=VALUE"]),
     ] {
         // The message names the option the value came from, not the file.
@@ -659,4 +679,93 @@ fn a_loss_that_is_not_finite_stops_the_run_and_leaves_the_last_good_checkpoint()
         let state: serde_json::Value = serde_json::from_str(&state).unwrap();
         assert!(state["step"].as_u64().unwrap() < step, "{state}");
     }
+}
+
+// ---------------------------------------------------------------------------------------------
+// Hand tasks and demonstrations
+// ---------------------------------------------------------------------------------------------
+
+/// Settings of a still smaller run, for tasks that take long to simulate.
+const TINY: [&str; 5] = [
+    "steps=150",
+    "random_steps=60",
+    "model_start=40",
+    "evaluation.every=75",
+    "evaluation.episodes=2",
+];
+
+/// A run that ends well and says something of demonstrations on its way; what it said.
+fn noted(place: &Place, arguments: &[String]) -> String {
+    let output = place.run(arguments);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    stderr(&output)
+}
+
+#[test]
+fn without_demonstrations_a_hand_task_trains_on_plain_episodes_and_says_so() {
+    let place = Place::new();
+    let note = noted(&place, &small_run("egg_hand_over", "run", &TINY));
+    assert!(note.contains("no demonstrations"), "{note}");
+    assert!(note.contains("plain episodes"), "{note}");
+    // Goal tasks tell how many episodes end in success.
+    let text = place.read("run/eval.csv");
+    let rows: Vec<&str> = text.lines().skip(1).collect();
+    assert_eq!(rows.len(), 3);
+    for row in rows {
+        let rate: f64 = row.split(',').next_back().unwrap().parse().unwrap();
+        assert!((0.0..=1.0).contains(&rate), "{row}");
+    }
+    let printed = place.succeed(&["eval", "--checkpoint", "run", "--episodes", "1"]);
+    assert!(printed.contains("success   "), "{printed}");
+}
+
+#[test]
+fn demonstrations_that_cannot_be_used_are_refused_and_nothing_is_written() {
+    let place = Place::new();
+    fs::create_dir(place.path("empty")).unwrap();
+    let fixtures = format!("{}/tests/fixtures/rollouts", env!("CARGO_MANIFEST_DIR"));
+    let refuse = |code, path: &str, parts: &[&str]| {
+        let setting = format!("demonstrations.path={path}");
+        let parts = [parts, &["demonstrations.path"]].concat();
+        place.refuse(code, &small_run("pen_spin", "out", &[&setting]), &parts);
+    };
+    refuse(2, "nowhere", &["nowhere"]);
+    refuse(2, "empty", &["empty"]);
+    refuse(2, "nothing*.npz", &["nothing*.npz"]);
+    let other = format!("{fixtures}/EggHandOver.npz");
+    refuse(
+        2,
+        &other,
+        &["EggHandOver.npz", "EggHandOver-v0", "PenSpin-v0"],
+    );
+    for file in ["PenSpin.npz", "PenSpin.json"] {
+        fs::copy(format!("{fixtures}/{file}"), place.path(file)).unwrap();
+    }
+    let whole = fs::read(place.path("PenSpin.npz")).unwrap();
+    place.write("PenSpin.npz", &whole[..whole.len() / 2]);
+    refuse(1, "PenSpin.npz", &["PenSpin.npz"]);
+    fs::remove_file(place.path("PenSpin.json")).unwrap();
+    place.write("PenSpin.npz", &whole);
+    refuse(1, "PenSpin.npz", &["PenSpin.json"]);
+}
+
+#[test]
+fn demonstrations_change_a_run_and_a_seed_still_gives_the_same_bytes() {
+    let place = Place::new();
+    let fixture = "tests/fixtures/rollouts/EggHandOver.npz";
+    let path = format!("{}/{fixture}", env!("CARGO_MANIFEST_DIR"));
+    let path = format!("demonstrations.path={path}");
+    let run = |out: &str, threads: &str, settings: &[&str]| {
+        let settings = [&TINY[..], settings].concat();
+        let mut arguments = small_run("egg_hand_over", out, &settings);
+        arguments.extend(["--threads".into(), threads.into()]);
+        (noted(&place, &arguments), curves(&place, out))
+    };
+    let (note, once) = run("a", "1", &[&path]);
+    assert!(note.contains("trajectories 1, states 14"), "{note}");
+    assert_eq!(once, run("b", "2", &[&path]).1);
+    assert_ne!(once, run("c", "2", &[]).1);
+    // The sparse variant takes them as well.
+    let sparse = ["task=EggHandOverSparse-v0", &path];
+    assert_ne!(once, run("d", "2", &sparse).1);
 }

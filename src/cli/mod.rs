@@ -8,6 +8,7 @@ mod verify;
 
 use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
+use crate::replay::DemonstrationError;
 use crate::training::{CheckpointError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -94,10 +95,9 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause
                 .downcast_ref::<CheckpointError>()
                 .is_some_and(is_misuse_of_checkpoint)
-            || matches!(
-                cause.downcast_ref::<TrainError>(),
-                Some(TrainError::RunDirectory(error)) if is_misuse_of_directory(error)
-            )
+            || cause
+                .downcast_ref::<TrainError>()
+                .is_some_and(is_misuse_of_training)
     });
     ExitCode::from(if misused { MISUSED } else { FAILED })
 }
@@ -107,6 +107,17 @@ fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
         error,
         RunDirectoryError::Exists(_) | RunDirectoryError::NotARun(_)
     )
+}
+
+fn is_misuse_of_training(error: &TrainError) -> bool {
+    match error {
+        TrainError::RunDirectory(error) => is_misuse_of_directory(error),
+        TrainError::Demonstrations(error) => matches!(
+            error,
+            DemonstrationError::Find(_) | DemonstrationError::Task { .. }
+        ),
+        _ => false,
+    }
 }
 
 fn is_misuse_of_checkpoint(error: &CheckpointError) -> bool {

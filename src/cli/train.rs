@@ -3,7 +3,7 @@
 use super::progress::Progress;
 use super::{INTERRUPTED, tell};
 use crate::config::{self, Overrides};
-use crate::training::{Outcome, RunDirectory, Trainer};
+use crate::training::{self, Outcome, RunDirectory, Trainer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::io::Write;
@@ -59,6 +59,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .out
         .clone()
         .unwrap_or_else(|| RunDirectory::default_path(&config));
+    // First, so that a wrong path leaves no run directory behind.
+    let demonstrations = training::demonstrations(&config)?;
     let directory = RunDirectory::create(&path, args.force)?;
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -69,7 +71,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
 
     let mut progress = Progress::new(&config);
-    let outcome = Trainer::new(config, directory)?.run(&mut progress, &stop);
+    let outcome = Trainer::new(config, demonstrations, directory)?.run(&mut progress, &stop);
     progress.finish();
     match outcome? {
         Outcome::Finished => {

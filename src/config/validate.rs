@@ -59,8 +59,12 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     positive("demonstrations.segment_steps", d.segment_steps)?;
     if d.probability + d.reset_probability > 1.0 {
         return violation(
-            "demonstrations.reset_probability",
-            format!("at most 1 - demonstrations.probability ({})", d.probability),
+            "demonstrations.probability",
+            format!(
+                "at most {} beside demonstrations.reset_probability ({})",
+                1.0 - d.reset_probability,
+                d.reset_probability
+            ),
         );
     }
     widths("model.hidden", &c.model.hidden)?;

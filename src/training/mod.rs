@@ -13,4 +13,4 @@ pub use checkpoint::{Checkpoint, CheckpointError};
 pub use error::TrainError;
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator};
 pub use run_directory::{RunDirectory, RunDirectoryError};
-pub use trainer::{Monitor, Outcome, Status, Trainer};
+pub use trainer::{Monitor, Outcome, Status, Trainer, demonstrations};

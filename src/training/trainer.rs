@@ -6,7 +6,7 @@ use super::provenance::Provenance;
 use super::{Checkpoint, Evaluation, Evaluator, RunDirectory, TrainError};
 use crate::agent::{ImaginationDraws, Sample, Td3};
 use crate::config::Config;
-use crate::env::{self, Scene, Spec};
+use crate::env::{self, Scene};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
@@ -83,11 +83,16 @@ struct Clock {
 }
 
 impl Trainer {
-    /// Builds a run of `config` in `directory` and writes `config.toml` and `run.json`.
+    /// Builds a run of `config` in `directory` and writes `config.toml` and `run.json`. Where there are
+    /// `demonstrations` (see [`demonstrations`]), experience comes in segments.
     ///
     /// # Errors
-    /// When the task is unknown, the demonstrations can't be used or a file can't be written.
-    pub fn new(config: Config, directory: RunDirectory) -> Result<Trainer, TrainError> {
+    /// When the task is unknown or a file can't be written.
+    pub fn new(
+        config: Config,
+        demonstrations: Option<Demonstrations>,
+        directory: RunDirectory,
+    ) -> Result<Trainer, TrainError> {
         let (env, rules) = env::make_with(&config.task, config.rules.velocity)?;
         let spec = env.spec().clone();
         let seeded = |name| stream(config.seed, name);
@@ -129,14 +134,16 @@ impl Trainer {
             error,
         })?;
 
-        let (side, demonstrations) = side(&config, &spec)?.unzip();
+        let found = demonstrations.as_ref();
+        let found = found.map(|set| [set.trajectories(), set.states()]);
+        let side = demonstrations.map(|set| side(&config, set)).transpose()?;
         let capacity = config
             .replay
             .capacity
             .min(usize::try_from(config.steps).unwrap_or(usize::MAX));
         Ok(Trainer {
             experience: Experience::new(Runner::new(env, seeded("env")), side),
-            demonstrations,
+            demonstrations: found,
             agent,
             evaluator: Evaluator::new(&config.task, seeded("eval-env"))?,
             replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
@@ -247,7 +254,7 @@ impl Trainer {
         );
         match self.demonstrations {
             Some([trajectories, states]) => monitor.note(&format!(
-                "demonstrations: {trajectories} trajectories with {states} states, from {}",
+                "demonstrations from {}: trajectories {trajectories}, states {states}",
                 self.config.demonstrations.path
             )),
             None if published => monitor.note(
@@ -447,13 +454,17 @@ impl Clock {
     }
 }
 
-/// The segments beside the main episode, and how many trajectories and states they begin in, if the
-/// run has demonstrations.
-fn side(config: &Config, spec: &Spec) -> Result<Option<(Side, [usize; 2])>, TrainError> {
-    let settings = &config.demonstrations;
-    if settings.path.is_empty() {
+/// The demonstrations that `config` asks for, none where their path is empty.
+///
+/// # Errors
+/// When there are none at the path, or one is damaged or does not fit the task.
+pub fn demonstrations(config: &Config) -> Result<Option<Demonstrations>, TrainError> {
+    let path = &config.demonstrations.path;
+    if path.is_empty() {
         return Ok(None);
     }
+    let (env, _) = env::make(&config.task)?;
+    let spec = env.spec();
     let sizes = Sizes {
         task: &spec.id,
         nq: spec.nq,
@@ -461,17 +472,20 @@ fn side(config: &Config, spec: &Spec) -> Result<Option<(Side, [usize; 2])>, Trai
         action_size: spec.action_size,
         action_limit: spec.action_limit,
     };
-    let demonstrations = Demonstrations::load(&settings.path, &sizes)?;
-    let numbers = [demonstrations.trajectories(), demonstrations.states()];
+    Ok(Some(Demonstrations::load(path, &sizes)?))
+}
+
+/// The segments beside the main episode, in an environment of their own.
+fn side(config: &Config, demonstrations: Demonstrations) -> Result<Side, TrainError> {
     let seeded = |name| stream(config.seed, name);
-    let side = Side::new(
+    let settings = &config.demonstrations;
+    Ok(Side::new(
         Runner::new(env::make(&config.task)?.0, seeded("segment-env")),
         demonstrations,
         Segments::new(settings),
         settings.segment_steps,
         seeded("segments"),
-    );
-    Ok(Some((side, numbers)))
+    ))
 }
 
 #[cfg(test)]

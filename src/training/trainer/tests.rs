@@ -69,7 +69,7 @@ fn trainer(directory: &std::path::Path, steps: u64) -> Trainer {
     (config.evaluation.every, config.evaluation.episodes) = (50, 1);
     config.checkpoint.every = 50;
     let directory = RunDirectory::create(&directory.join("run"), false).unwrap();
-    Trainer::new(config, directory).unwrap()
+    Trainer::new(config, None, directory).unwrap()
 }
 
 #[test]
