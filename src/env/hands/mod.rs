@@ -9,6 +9,8 @@ mod pose;
 mod scene;
 mod two_hands;
 
+use std::sync::Arc;
+
 use mujoco_rs::Model;
 
 use super::noise;
@@ -174,7 +176,7 @@ fn pen_spin() -> Entry {
             let task = PenSpin::new(&model)?;
             Ok(Box::new(Simulation::new(model, &info, task)?) as Box<dyn Replay>)
         }),
-        rules: Box::new(|model, _| Ok(Spin::new(model))),
+        rules: Box::new(|model, _| Ok(Arc::new(Spin::new(model)))),
     }
 }
 
@@ -202,7 +204,7 @@ fn two_hands(family: &'static Family, object: Object, reward: Reward) -> Entry {
             let task = TwoHands::new(layout, object, reward, &model)?;
             Ok(Box::new(Simulation::new(model, &info, task)?) as Box<dyn Replay>)
         }),
-        rules: Box::new(move |_, _| Ok(Handle::new(layout, reward))),
+        rules: Box::new(move |_, _| Ok(Arc::new(Handle::new(layout, reward)))),
     }
 }
 

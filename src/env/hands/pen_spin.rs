@@ -1,7 +1,7 @@
 //! PenSpin: keep a pen spinning in one hand, level.
 
 use std::array::from_fn;
-use std::sync::Arc;
+use std::ops::Range;
 
 use mujoco_rs::{Data, Model, Object};
 
@@ -17,6 +17,9 @@ const SPIN_QVEL: usize = HAND + 3;
 const SPIN_OBS: usize = 2 * HAND + 3;
 /// The pen's quaternion in the observation.
 const QUATERNION_OBS: usize = 57;
+/// The target, which follows the pen in `qpos` and `qvel` and is not observed.
+const TARGET_QPOS: Range<usize> = HAND + POSE..HAND + 2 * POSE;
+const TARGET_QVEL: Range<usize> = HAND + 6..HAND + 12;
 /// Cost of a metre of height between the ends of the pen.
 const TILT_WEIGHT: f64 = 15.0;
 /// Distance of the end sites, in metres.
@@ -87,8 +90,8 @@ impl Task for PenSpin {
 
     fn recorded(&self) -> Recorded {
         Recorded {
-            idle_qpos: vec![HAND + POSE..HAND + 2 * POSE],
-            idle_qvel: vec![HAND + 6..HAND + 12],
+            idle_qpos: vec![TARGET_QPOS],
+            idle_qvel: vec![TARGET_QVEL],
             approximate_geoms: self.forearms.clone(),
         }
     }
@@ -103,10 +106,10 @@ pub struct Spin {
 
 impl Spin {
     /// The rules for a simulator with this model.
-    pub fn new(model: &Model) -> Arc<dyn Rules> {
-        Arc::new(Self {
+    pub fn new(model: &Model) -> Self {
+        Self {
             timestep: model.timestep(),
-        })
+        }
     }
 }
 

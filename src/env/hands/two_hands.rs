@@ -2,7 +2,6 @@
 
 use std::array::from_fn;
 use std::ops::Range;
-use std::sync::Arc;
 
 use mujoco_rs::{Data, Model};
 
@@ -207,8 +206,9 @@ impl Task for TwoHands {
 
     fn draw_goal(&self, rng: &mut Stream, qpos: &[f64], goal: &mut [f64]) {
         for (goal, region) in goal.chunks_exact_mut(POSE).zip(self.regions(qpos)) {
-            for j in 0..3 {
-                goal[j] = uniform(rng, region.low[j], region.high[j]);
+            let bounds = region.low.iter().zip(&region.high);
+            for (x, (low, high)) in goal.iter_mut().zip(bounds) {
+                *x = uniform(rng, *low, *high);
             }
         }
         for goal in goal.chunks_exact_mut(POSE) {
@@ -293,14 +293,14 @@ pub struct Handle {
 
 impl Handle {
     /// The rules of this family and reward.
-    pub fn new(layout: &'static Layout, reward: Reward) -> Arc<dyn Rules> {
+    pub fn new(layout: &'static Layout, reward: Reward) -> Self {
         let indices = Indices::new(layout);
-        Arc::new(Self {
+        Self {
             layout,
             reward,
             indices,
             known: (indices.goal(0)..indices.obs_size()).collect(),
-        })
+        }
     }
 }
 
