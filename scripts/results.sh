@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
 # Makes the learning curves under results/: each run's configuration, provenance and curves, and
-# one picture. Takes about ten minutes on two cores.
+# one picture. Takes about twenty minutes on two cores.
 #
 #   scripts/results.sh [SEED...]      (seed 0 unless told otherwise)
 #
+# With DEMONSTRATIONS set to a folder that holds recordings in PenSpin-v0/, PenSpin is also run with
+# demonstrations. They are not part of the repository.
 # Runs that stand under results/ already are left alone; remove them to make them anew. The picture
 # needs the Python packages of scripts/requirements.txt.
 set -euo pipefail
@@ -13,11 +15,16 @@ cargo build --release
 # A copy, so that another build does not change the program between two runs.
 install -D target/release/mamf target/results/mamf
 
-# Task, configuration and what differs from it. HalfCheetah's phase 1 is shortened from the
-# published 25 000 steps, which would leave only 5 000 of the 30 000 to learn in.
+# Name, configuration and what differs from it. Phase 1 of HalfCheetah and PenSpin is shortened from
+# the published 25 000 steps, which would leave nothing or little of so short a run to learn in.
 runs() {
   for seed in "$@"; do
     for method in mamf td3; do
+      spin="--config configs/pen_spin.toml --steps 20000 --set random_steps=5000 --set model_start=2000 --set evaluation.every=1000"
+      echo "PenSpin-v0 $method $seed $spin"
+      if [ -n "${DEMONSTRATIONS:-}" ]; then
+        echo "PenSpin-v0-demonstrations $method $seed $spin --set demonstrations.path=$DEMONSTRATIONS/PenSpin-v0"
+      fi
       echo "HalfCheetah-v4 $method $seed --config configs/half_cheetah.toml --steps 30000 --set random_steps=5000 --set model_start=1000"
       echo "InvertedPendulum-v4 $method $seed --config configs/inverted_pendulum.toml --steps 30000"
       echo "Reacher-v4 $method $seed --config configs/reacher.toml --steps 20000 --set evaluation.every=1000"
@@ -26,8 +33,8 @@ runs() {
 }
 
 one() {
-  read -r task method seed arguments <<<"$1"
-  local run="$task/$method/seed-$seed"
+  read -r name method seed arguments <<<"$1"
+  local run="$name/$method/seed-$seed"
   [ -e "results/$run" ] && { echo "kept: results/$run"; return; }
   # shellcheck disable=SC2086 # the arguments are words
   target/results/mamf train $arguments --set method="$method" --seed "$seed" --threads 1 \
