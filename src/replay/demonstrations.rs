@@ -100,6 +100,26 @@ impl Demonstrations {
         })
     }
 
+    /// Makes sure that `recording` can serve as a demonstration.
+    ///
+    /// # Errors
+    /// If it is of another task or of other sizes, or holds a number that is not finite or more than
+    /// one episode.
+    pub fn check(recording: &Recording, sizes: &Sizes<'_>) -> Result<(), DemonstrationError> {
+        check_task(&recording.path, &recording.env, sizes)?;
+        recording.expect_columns("action", &recording.action, sizes.action_size)?;
+        recording.expect_columns("qpos", &recording.qpos, sizes.nq)?;
+        recording.expect_columns("qvel", &recording.qvel, sizes.nv)?;
+        recording.check_finite()?;
+        match (1..recording.qpos.rows()).find(|&t| recording.reset_before(t)) {
+            None => Ok(()),
+            Some(row) => Err(DemonstrationError::Reset {
+                path: recording.path.clone(),
+                row,
+            }),
+        }
+    }
+
     /// Number of trajectories; at least 1.
     pub fn trajectories(&self) -> usize {
         self.trajectories.len()
@@ -121,22 +141,9 @@ impl Demonstrations {
 impl Demonstration {
     fn read(path: &Path, sizes: &Sizes<'_>) -> Result<Demonstration, DemonstrationError> {
         let settings = Recording::settings(path)?;
-        if dense(&settings.env) != dense(sizes.task) {
-            return Err(DemonstrationError::Task {
-                path: path.to_owned(),
-                found: settings.env,
-                expected: sizes.task.to_owned(),
-            });
-        }
+        check_task(path, &settings.env, sizes)?;
         let recording = Recording::read(path, settings)?;
-        recording.expect_columns("action", &recording.action, sizes.action_size)?;
-        recording.expect_columns("qpos", &recording.qpos, sizes.nq)?;
-        recording.expect_columns("qvel", &recording.qvel, sizes.nv)?;
-        recording.check_finite()?;
-        if let Some(row) = (1..recording.qpos.rows()).find(|&t| recording.reset_before(t)) {
-            let path = path.to_owned();
-            return Err(DemonstrationError::Reset { path, row });
-        }
+        Demonstrations::check(&recording, sizes)?;
         Ok(Demonstration {
             action: recording.action.clipped(sizes.action_limit),
             qpos: recording.qpos,
@@ -153,6 +160,18 @@ impl Demonstration {
             first_qpos: self.qpos.get(0)?,
         })
     }
+}
+
+/// Makes sure that the recording `path` of the task `found` is of the one that `sizes` are of.
+fn check_task(path: &Path, found: &str, sizes: &Sizes<'_>) -> Result<(), DemonstrationError> {
+    if dense(found) == dense(sizes.task) {
+        return Ok(());
+    }
+    Err(DemonstrationError::Task {
+        path: path.to_owned(),
+        found: found.to_owned(),
+        expected: sizes.task.to_owned(),
+    })
 }
 
 /// The id of a task without the mark of its sparse variant: `PenSparse-v0` becomes `Pen-v0`.

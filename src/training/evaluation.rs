@@ -1,7 +1,7 @@
 //! Episodes of the deterministic policy, in environments of their own.
 
 use crate::agent::Policy;
-use crate::env::{self, Env, MakeError, Spec};
+use crate::env::{self, MakeError, Replay, Spec, Step};
 use crate::parallel::join;
 use crate::random::Stream;
 use rand::SeedableRng;
@@ -70,9 +70,39 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(n)
 }
 
+/// Looks on while episodes run, several at a time.
+pub trait Watch: Sync {
+    /// What is kept of one episode.
+    type Seen: Send;
+
+    /// An episode began with this observation.
+    fn begin(&self, env: &dyn Replay, observation: &[f64]) -> Self::Seen;
+
+    /// `action` was executed, with this outcome; `observation` follows it.
+    fn step(
+        &self,
+        seen: &mut Self::Seen,
+        env: &dyn Replay,
+        action: &[f64],
+        step: &Step,
+        observation: &[f64],
+    );
+}
+
+/// Nobody looks on.
+struct Unwatched;
+
+impl Watch for Unwatched {
+    type Seen = ();
+
+    fn begin(&self, _: &dyn Replay, _: &[f64]) {}
+
+    fn step(&self, (): &mut (), _: &dyn Replay, _: &[f64], _: &Step, _: &[f64]) {}
+}
+
 /// Two environments in which episodes are run side by side.
 pub struct Evaluator {
-    envs: [Box<dyn Env>; 2],
+    envs: [Box<dyn Replay>; 2],
     rng: Stream,
 }
 
@@ -82,7 +112,7 @@ impl Evaluator {
     /// # Errors
     /// When there is no such task or MuJoCo can't run it.
     pub fn new(task: &str, rng: Stream) -> Result<Evaluator, MakeError> {
-        let env = || env::make(task).map(|(env, _)| env);
+        let env = || env::make_replay(task);
         Ok(Evaluator {
             envs: [env()?, env()?],
             rng,
@@ -97,30 +127,46 @@ impl Evaluator {
     /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not
     /// depend on which environment it runs in, nor on the number of threads.
     pub fn evaluate(&mut self, policy: &Policy, episodes: usize) -> Evaluation {
+        let watched = self.evaluate_watched(policy, episodes, &Unwatched);
+        Evaluation {
+            episodes: watched.into_iter().map(|(result, ())| result).collect(),
+        }
+    }
+
+    /// As [`evaluate`](Evaluator::evaluate), with what `watch` kept of each episode. The episodes are
+    /// the same whether all are run at once or some now and some later.
+    pub fn evaluate_watched<W: Watch>(
+        &mut self,
+        policy: &Policy,
+        episodes: usize,
+        watch: &W,
+    ) -> Vec<(EpisodeResult, W::Seen)> {
         let streams: Vec<Stream> = (0..episodes)
             .map(|_| Stream::from_rng(&mut self.rng))
             .collect();
-        let run = |env: &mut Box<dyn Env>, first: usize| -> Vec<EpisodeResult> {
+        let run = |env: &mut Box<dyn Replay>, first: usize| -> Vec<(EpisodeResult, W::Seen)> {
             let streams = streams.iter().skip(first).step_by(2);
             streams
-                .map(|stream| run_episode(env.as_mut(), policy, &mut stream.clone()))
+                .map(|stream| run_episode(env.as_mut(), policy, &mut stream.clone(), watch))
                 .collect()
         };
         let [even, odd] = &mut self.envs;
         let (even, odd) = join(|| run(even, 0), || run(odd, 1));
         let mut odd = odd.into_iter();
-        Evaluation {
-            episodes: even
-                .into_iter()
-                .flat_map(|e| [Some(e), odd.next()])
-                .flatten()
-                .collect(),
-        }
+        even.into_iter()
+            .flat_map(|e| [Some(e), odd.next()])
+            .flatten()
+            .collect()
     }
 }
 
 /// One episode of the deterministic policy.
-fn run_episode(env: &mut dyn Env, policy: &Policy, rng: &mut Stream) -> EpisodeResult {
+fn run_episode<W: Watch>(
+    env: &mut dyn Replay,
+    policy: &Policy,
+    rng: &mut Stream,
+    watch: &W,
+) -> (EpisodeResult, W::Seen) {
     let (obs_size, action_size) = (env.spec().obs_size, env.spec().action_size);
     let mut observation = vec![0.0; obs_size];
     let mut previous = vec![0.0f32; action_size];
@@ -131,11 +177,13 @@ fn run_episode(env: &mut dyn Env, policy: &Policy, rng: &mut Stream) -> EpisodeR
         success: None,
     };
     env.reset(rng, &mut observation);
+    let mut seen = watch.begin(env, &observation);
     loop {
         let obs: Vec<f32> = observation.iter().map(|x| *x as f32).collect();
         previous = policy.act(&obs, &previous);
         let action: Vec<f64> = previous.iter().map(|a| f64::from(*a)).collect();
         let step = env.step(&action, &mut observation);
+        watch.step(&mut seen, env, &action, &step, &observation);
         result.diverged |= step.diverged;
         if !step.diverged {
             result.episode_return += step.reward;
@@ -144,7 +192,7 @@ fn run_episode(env: &mut dyn Env, policy: &Policy, rng: &mut Stream) -> EpisodeR
         // A simulation that blew up has not succeeded, whatever it did before.
         result.success = step.success.or(result.success.map(|_| false));
         if step.terminated || step.truncated {
-            return result;
+            return (result, seen);
         }
     }
 }

@@ -11,6 +11,6 @@ mod trainer;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use error::TrainError;
-pub use evaluation::{EpisodeResult, Evaluation, Evaluator};
+pub use evaluation::{EpisodeResult, Evaluation, Evaluator, Watch};
 pub use run_directory::{RunDirectory, RunDirectoryError};
 pub use trainer::{Monitor, Outcome, Status, Trainer, demonstrations};
