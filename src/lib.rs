@@ -3,6 +3,7 @@
 pub mod agent;
 pub mod cli;
 pub mod config;
+pub mod demonstration;
 pub mod env;
 pub mod imagination;
 pub mod nn;

@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod demo;
 mod envs;
 mod eval;
 mod progress;
@@ -44,6 +45,8 @@ enum Command {
     Envs(envs::Args),
     /// Replay recorded rollouts and compare every step
     Verify(verify::Args),
+    /// Record demonstrations from a policy, describe and replay sets of them
+    Demo(demo::Args),
 }
 
 impl Cli {
@@ -57,6 +60,7 @@ impl Cli {
             Command::Eval(args) => eval::run(&args),
             Command::Envs(args) => envs::run(&args),
             Command::Verify(args) => verify::run(&args),
+            Command::Demo(args) => demo::run(&args),
         }
     }
 }

@@ -14,7 +14,9 @@ use crate::recording::Recording;
 
 pub use error::Errors;
 pub use replay::{Differences, ReplayError, Summary, replay};
+pub(crate) use replay::{add_all_but, check_columns, inertia, row};
 pub use report::tables;
+pub(crate) use report::{Cell, NOTHING, largest, number, table};
 
 /// Largest absolute error of a task that reproduces its rollouts.
 pub const TOLERANCE: f64 = 1e-9;

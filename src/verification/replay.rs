@@ -404,7 +404,7 @@ impl<'a> Replayer<'a> {
 }
 
 /// Which inertia the pens of a rollout had, as its settings say.
-fn inertia(rollout: &Recording) -> PenInertia {
+pub(crate) fn inertia(rollout: &Recording) -> PenInertia {
     match &rollout.pen_inertia {
         Some(words) if words.contains("compiled") || words.contains("derived") => {
             PenInertia::Derived
@@ -414,7 +414,7 @@ fn inertia(rollout: &Recording) -> PenInertia {
 }
 
 /// Compares number by number, but for the given ranges.
-fn add_all_but(
+pub(crate) fn add_all_but(
     left_out: &[Range<usize>],
     errors: &mut Errors,
     found: &[f64],
@@ -429,7 +429,7 @@ fn add_all_but(
 }
 
 /// Makes sure that the rows are as long as the task's.
-fn check_columns(rollout: &Recording, env: &dyn Replay) -> Result<(), RecordingError> {
+pub(crate) fn check_columns(rollout: &Recording, env: &dyn Replay) -> Result<(), RecordingError> {
     let spec = env.spec();
     // Recordings hold the goal once, beside the observations.
     let obs_size = spec.obs_size - spec.goal_size;
@@ -469,7 +469,8 @@ fn check_columns(rollout: &Recording, env: &dyn Replay) -> Result<(), RecordingE
     Ok(())
 }
 
-fn row(rows: &Option<Rows>, t: usize) -> Option<&[f64]> {
+/// Row `t` of an array that a recording may lack.
+pub(crate) fn row(rows: &Option<Rows>, t: usize) -> Option<&[f64]> {
     rows.as_ref().and_then(|rows| rows.get(t))
 }
 

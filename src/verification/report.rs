@@ -7,7 +7,7 @@ use super::replay::Summary;
 use crate::env::PenInertia;
 
 /// What stands where there is no figure; a column of nothing else is left out.
-const NOTHING: &str = "-";
+pub(crate) const NOTHING: &str = "-";
 
 /// Two tables with one line for each task: the simulator against the recordings, and what rules say
 /// of observations against the simulator.
@@ -24,9 +24,15 @@ pub fn tables(summaries: &[Summary]) -> String {
     format!("Simulator, largest errors\n{simulator}\nRules on observations\n{rules}")
 }
 
-/// A line for each task, of the cells under their headings.
-fn table(tasks: &[Summary], cells: fn(&Summary) -> Vec<(&'static str, String)>) -> String {
-    let lines: Vec<Vec<(&str, String)>> = tasks.iter().map(cells).collect();
+/// Columns of words; the others hold numbers.
+const WORDS: [&str; 5] = ["task", "verdict", "recording", "demonstration", "source"];
+
+/// A cell under its heading.
+pub(crate) type Cell = (&'static str, String);
+
+/// A line for each item, of the cells under their headings; every line has the same headings.
+pub(crate) fn table<T>(items: &[T], cells: impl Fn(&T) -> Vec<Cell>) -> String {
+    let lines: Vec<Vec<Cell>> = items.iter().map(cells).collect();
     let columns = lines.first().map_or(0, Vec::len);
     let mut text = vec![String::new(); lines.len() + 1];
     for column in 0..columns {
@@ -34,15 +40,15 @@ fn table(tasks: &[Summary], cells: fn(&Summary) -> Vec<(&'static str, String)>) 
             continue;
         }
         let heading = lines[0][column].0;
+        let gap = if column == 0 { "" } else { "  " };
         let column = lines.iter().map(|line| line[column].1.as_str());
         let cells: Vec<&str> = std::iter::once(heading).chain(column).collect();
         let width = cells.iter().map(|cell| cell.len()).max().unwrap_or(0);
         for (text, cell) in text.iter_mut().zip(cells) {
             // Words to the left, numbers to the right.
             let _ = match heading {
-                "task" => write!(text, "{cell:width$}"),
-                "verdict" => write!(text, "  {cell}"),
-                _ => write!(text, "  {cell:>width$}"),
+                heading if WORDS.contains(&heading) => write!(text, "{gap}{cell:width$}"),
+                _ => write!(text, "{gap}{cell:>width$}"),
             };
         }
     }
@@ -108,11 +114,13 @@ fn name(summary: &Summary) -> String {
     }
 }
 
-fn largest(errors: &Errors) -> String {
+/// The largest error to two digits.
+pub(crate) fn largest(errors: &Errors) -> String {
     number(errors.largest())
 }
 
-fn number(value: Option<f64>) -> String {
+/// A figure to two digits.
+pub(crate) fn number(value: Option<f64>) -> String {
     match value {
         Some(0.0) => "0".to_owned(),
         Some(value) => format!("{value:.1e}"),

@@ -1,0 +1,245 @@
+//! `mamf demo`: record demonstrations, describe and replay sets of them.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use super::{FAILED, Misuse, tell};
+use crate::demonstration::{
+    self, Description, EpisodeRecorder, Replayed, STORED_DIFFERENCE, UnusableRecording,
+};
+use crate::env::{Replay, Step};
+use crate::parallel::with_threads;
+use crate::random::stream;
+use crate::recording::{Recording, find};
+use crate::training::{Checkpoint, EpisodeResult, Evaluator, Watch};
+
+/// Episodes that run between two looks at what became of them, one in each environment.
+const AT_ONCE: usize = 2;
+
+/// Arguments of `mamf demo`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Record episodes of the deterministic policy of a checkpoint
+    Record(RecordArgs),
+    /// Say what recordings hold, and whether they can serve as demonstrations
+    Info(SetArgs),
+    /// Step recordings from each of their states, and from the first state through all actions
+    Replay(SetArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct RecordArgs {
+    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
+    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
+    checkpoint: PathBuf,
+    /// Episodes to record: those that `mamf eval` runs with the same seed
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    episodes: u32,
+    /// Seed of the initial states
+    #[arg(
+        long,
+        value_name = "N",
+        allow_negative_numbers = true,
+        default_value_t = 0
+    )]
+    seed: u64,
+    /// Directory for episode_0001.npz, episode_0001.json and so on; nothing in it is overwritten
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+struct SetArgs {
+    /// Directory, searched with its subdirectories, glob (in quotes) or .npz file
+    #[arg(value_name = "DIR|GLOB|FILE")]
+    pattern: String,
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    match &args.command {
+        Command::Record(args) => record(args),
+        Command::Info(args) => info(&args.pattern),
+        Command::Replay(args) => replay(&args.pattern),
+    }
+}
+
+/// Keeps the recording of each episode.
+struct Camera {
+    source: String,
+}
+
+impl Watch for Camera {
+    type Seen = EpisodeRecorder;
+
+    fn begin(&self, env: &dyn Replay, observation: &[f64]) -> EpisodeRecorder {
+        EpisodeRecorder::begin(env, observation, &self.source)
+    }
+
+    fn step(
+        &self,
+        seen: &mut EpisodeRecorder,
+        env: &dyn Replay,
+        action: &[f64],
+        step: &Step,
+        observation: &[f64],
+    ) {
+        seen.step(env, action, step, observation);
+    }
+}
+
+fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
+    let checkpoint = Checkpoint::load(&args.checkpoint)?;
+    let config = &checkpoint.config;
+    // The stream of `mamf eval`, so that both run the same episodes.
+    let mut evaluator = Evaluator::new(&config.task, stream(args.seed, "eval"))?;
+    let policy = checkpoint.policy(evaluator.spec())?;
+    let episodes = args.episodes as usize;
+    make_room(&args.out, episodes)?;
+
+    let (method, step) = (config.method.name(), checkpoint.step);
+    let version = env!("CARGO_PKG_VERSION");
+    let camera = Camera {
+        source: format!("mamf {version}, {method} after {step} steps"),
+    };
+    println(&format!("{}, {method} after {step} steps", config.task))?;
+    let diverged = with_threads(config.compute.threads, || -> anyhow::Result<usize> {
+        let mut diverged = 0;
+        for first in (0..episodes).step_by(AT_ONCE) {
+            let count = AT_ONCE.min(episodes - first);
+            let recorded = evaluator.evaluate_watched(&policy, count, &camera);
+            for (episode, (result, recorder)) in (first..).zip(recorded) {
+                if result.diverged {
+                    diverged += 1;
+                } else {
+                    recorder.save(&stem(&args.out, episode), args.seed, episode)?;
+                }
+                println(&line(episode, &result))?;
+            }
+        }
+        Ok(diverged)
+    })??;
+    let (written, out) = (episodes - diverged, args.out.display());
+    println(&format!("{written} of {episodes} episodes recorded: {out}"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Makes the directory `out` unless it is there; a recording that is there already is in the way.
+fn make_room(out: &Path, episodes: usize) -> anyhow::Result<()> {
+    for stem in (0..episodes).map(|episode| stem(out, episode)) {
+        for path in ["npz", "json"].map(|ending| stem.with_extension(ending)) {
+            // A link that leads nowhere is in the way as well.
+            if path.symlink_metadata().is_ok() {
+                let path = path.display();
+                let text = format!("--out: {path} exists already and is not overwritten");
+                return Err(Misuse(text).into());
+            }
+        }
+    }
+    fs::create_dir_all(out)
+        .map_err(|error| Misuse(format!("--out {}: {error}", out.display())).into())
+}
+
+/// The files of episode number `episode`, which counts from 0, without their endings.
+fn stem(out: &Path, episode: usize) -> PathBuf {
+    out.join(name(episode))
+}
+
+fn name(episode: usize) -> String {
+    format!("episode_{:04}", episode + 1)
+}
+
+fn line(episode: usize, result: &EpisodeResult) -> String {
+    let (name, length) = (name(episode), result.length);
+    if result.diverged {
+        return format!("{name}  not written: the simulation diverged after {length} steps");
+    }
+    let success = match result.success {
+        Some(true) => "  success",
+        Some(false) => "  no success",
+        None => "",
+    };
+    let episode_return = result.episode_return;
+    format!("{name}  return {episode_return:.2}  length {length}{success}")
+}
+
+fn info(pattern: &str) -> anyhow::Result<ExitCode> {
+    let (found, code) = each(pattern, demonstration::describe)?;
+    if !found.is_empty() {
+        print_info(&found)?;
+    }
+    Ok(code)
+}
+
+fn print_info(found: &[Description]) -> std::io::Result<()> {
+    let (recordings, totals) = (
+        demonstration::descriptions(found),
+        demonstration::totals(found),
+    );
+    println(&format!(
+        "{recordings}\n{totals}\n\
+         success: steps in which the goal was reached, and whether it was in the last one. states: recorded rows; in the\n\
+         totals those that precede an action. warm start, next, goal: what else is recorded. demonstration, usable:\n\
+         whether training can begin in the states (demonstrations.path)."
+    ))
+}
+
+fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
+    let (found, code) = each(pattern, |path| {
+        demonstration::replay(&Recording::open(path)?)
+    })?;
+    if !found.is_empty() {
+        print_replay(&found)?;
+    }
+    Ok(code)
+}
+
+fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
+    let tables = demonstration::tables(found);
+    println(&format!(
+        "{tables}\
+         qpos, qvel: largest error after one step from each recorded state, over the steps compared, target bodies left\n\
+         out. touched: steps in which something touched the forearm, whose shape is approximate; they are kept apart, there:\n\
+         largest qpos error in them. next: against the step recorded beside the states. reward: against the recorded one;\n\
+         stored: against reward_recorded, which differ: steps past {STORED_DIFFERENCE:.0e}, capped: with the spin term 8 at most, the\n\
+         rule of the stored ones. success: flags that differ. open-loop: largest qpos error from the first state through\n\
+         all actions, touched or not. drift: steps until it exceeds {:.0e}.",
+        demonstration::DRIFT
+    ))
+}
+
+/// What `look` finds in each recording that `pattern` means, and the exit code: a failure if one of
+/// them cannot be used, of which the user is told.
+///
+/// # Errors
+/// If there is no recording.
+fn each<T>(
+    pattern: &str,
+    look: impl Fn(&Path) -> Result<T, UnusableRecording>,
+) -> anyhow::Result<(Vec<T>, ExitCode)> {
+    let files = find(pattern).map_err(|error| Misuse(error.to_string()))?;
+    let mut found = Vec::new();
+    let mut code = ExitCode::SUCCESS;
+    for file in &files {
+        match look(file) {
+            Ok(item) => found.push(item),
+            Err(error) => {
+                tell(&format!("error: {error}"));
+                code = ExitCode::from(FAILED);
+            }
+        }
+    }
+    Ok((found, code))
+}
+
+/// Writes a line to standard output.
+fn println(text: &str) -> std::io::Result<()> {
+    writeln!(std::io::stdout(), "{text}")
+}
