@@ -109,7 +109,7 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let camera = Camera {
         source: format!("mamf {version}, {method} after {step} steps"),
     };
-    println(&format!("{}, {method} after {step} steps", config.task))?;
+    say(&format!("{}, {method} after {step} steps", config.task));
     let diverged = with_threads(config.compute.threads, || -> anyhow::Result<usize> {
         let mut diverged = 0;
         for first in (0..episodes).step_by(AT_ONCE) {
@@ -121,13 +121,13 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
                 } else {
                     recorder.save(&stem(&args.out, episode), args.seed, episode)?;
                 }
-                println(&line(episode, &result))?;
+                say(&line(episode, &result));
             }
         }
         Ok(diverged)
     })??;
     let (written, out) = (episodes - diverged, args.out.display());
-    println(&format!("{written} of {episodes} episodes recorded: {out}"))?;
+    say(&format!("{written} of {episodes} episodes recorded: {out}"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -210,8 +210,9 @@ fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
          largest qpos error in them. next: against the step recorded beside the states. reward: against the recorded one;\n\
          stored: against reward_recorded, which differ: steps past {STORED_DIFFERENCE:.0e}, capped: with the spin term 8 at most, the\n\
          rule of the stored ones. success: flags that differ. open-loop: largest qpos error from the first state through\n\
-         all actions, touched or not. drift: steps until it exceeds {:.0e}.",
-        demonstration::DRIFT
+         all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.\n\
+         apart: steps past {drift:.0e} in which the published forearm, but not ours, may have been touched.",
+        drift = demonstration::DRIFT
     ))
 }
 
@@ -239,7 +240,33 @@ fn each<T>(
     Ok((found, code))
 }
 
+/// Writes a line to standard output; nobody listening there is no reason to stop recording.
+fn say(text: &str) {
+    let _ = println(text);
+}
+
 /// Writes a line to standard output.
 fn println(text: &str) -> std::io::Result<()> {
     writeln!(std::io::stdout(), "{text}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_episode_has_a_line() {
+        let mut result = EpisodeResult {
+            episode_return: 1.5,
+            length: 75,
+            diverged: false,
+            success: None,
+        };
+        assert_eq!(line(0, &result), "episode_0001  return 1.50  length 75");
+        result.success = Some(true);
+        assert!(line(11, &result).ends_with("length 75  success"));
+        result.diverged = true;
+        let text = line(11, &result);
+        assert!(text.starts_with("episode_0012  not written") && text.contains("diverged"));
+    }
 }

@@ -43,11 +43,21 @@ pub struct OneStep {
     pub success_differs: bool,
 }
 
+impl OneStep {
+    /// Whether the positions are past [`DRIFT`] although nothing touched an approximate shape: the
+    /// published shape may have been touched where ours was not.
+    pub fn is_apart(&self) -> bool {
+        !self.touched && self.qpos > Some(DRIFT)
+    }
+}
+
 /// A whole trajectory from its first recorded state through all recorded actions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OpenLoop {
     /// Largest error of the positions; infinite if the simulation diverged.
     pub worst: f64,
+    /// The same before something first touches a shape that only approximates the published one.
+    pub worst_untouched: f64,
     /// Number of steps after which the error first exceeds [`DRIFT`].
     pub drifted_after: Option<usize>,
 }
@@ -171,22 +181,27 @@ impl<'a> Replayer<'a> {
         let step = self.env.step(action, &mut self.observation);
         self.sound = !step.diverged;
         let after = (!recording.reset_before(t + 1)).then_some(t + 1);
-        let next = |rows: &'a crate::recording::Rows| rows.get(after?);
-        let beside = |rows| row(rows, t);
-        let number = |rows| row(rows, t).map(|r: &[f64]| r[0]);
+        let number = |rows| Some(row(rows, t)?[0]);
         let stored = number(&recording.reward_recorded);
         let success = number(&recording.success).zip(step.success);
+        // What a simulation that diverged is left with is no outcome of the step.
+        let error = |error: f64| if step.diverged { f64::INFINITY } else { error };
+        let qpos = |row: Option<&[f64]>| Some(error(self.qpos_error(row?)));
+        let qvel = |row: Option<&[f64]>| Some(error(self.qvel_error(row?)));
+        let from = |reward: f64| move |recorded: f64| error(difference(reward, recorded));
         Some(OneStep {
             t,
             touched: self.env.touched(),
             diverged: step.diverged,
-            qpos: next(&recording.qpos).map(|qpos| self.qpos_error(qpos)),
-            qvel: next(&recording.qvel).map(|qvel| self.qvel_error(qvel)),
-            next_qpos: beside(&recording.next_qpos).map(|qpos| self.qpos_error(qpos)),
-            next_qvel: beside(&recording.next_qvel).map(|qvel| self.qvel_error(qvel)),
-            reward: number(&recording.reward).map(|r| difference(step.reward, r)),
-            stored: stored.map(|r| difference(step.reward, r)),
-            stored_capped: stored.and_then(|r| Some(difference(self.capped_reward(&step)?, r))),
+            qpos: qpos(after.and_then(|t| recording.qpos.get(t))),
+            qvel: qvel(after.and_then(|t| recording.qvel.get(t))),
+            next_qpos: qpos(row(&recording.next_qpos, t)),
+            next_qvel: qvel(row(&recording.next_qvel, t)),
+            reward: number(&recording.reward).map(from(step.reward)),
+            stored: stored.map(from(step.reward)),
+            stored_capped: stored
+                .zip(self.capped_reward(&step))
+                .map(|(recorded, capped)| from(capped)(recorded)),
             success_differs: success.is_some_and(|(recorded, found)| found != (recorded != 0.0)),
         })
     }
@@ -194,10 +209,10 @@ impl<'a> Replayer<'a> {
     fn open_loop(&mut self) -> OpenLoop {
         let recording = self.recording;
         let mut found = OpenLoop::default();
-        let mut began = 0;
+        let (mut began, mut touched) = (0, false);
         for t in 0..recording.steps() {
             if recording.reset_before(t) {
-                began = t;
+                (began, touched) = (t, false);
                 if !self.begin(t) {
                     break;
                 }
@@ -206,12 +221,16 @@ impl<'a> Replayer<'a> {
                 break;
             };
             let step = self.env.step(action, &mut self.observation);
+            touched |= self.env.touched();
             let error = match recording.qpos.get(t + 1) {
                 _ if step.diverged => f64::INFINITY,
                 Some(qpos) if !recording.reset_before(t + 1) => self.qpos_error(qpos),
                 _ => continue,
             };
             found.worst = found.worst.max(error);
+            if !touched {
+                found.worst_untouched = found.worst_untouched.max(error);
+            }
             if error > DRIFT {
                 found.drifted_after.get_or_insert(t + 1 - began);
             }
@@ -299,6 +318,8 @@ pub struct Figures {
     pub success_differs: usize,
     /// Worst errors of the open-loop replays, one a recording.
     pub open_loop: Series,
+    /// The same before something first touches an approximate shape.
+    pub open_loop_untouched: Series,
     /// How many of them drifted away.
     pub drifted: usize,
 }
@@ -309,8 +330,10 @@ impl Figures {
         let mut figures = Figures::default();
         for recording in recordings {
             recording.steps.iter().for_each(|step| figures.add(step));
-            figures.open_loop.push(recording.open_loop.worst);
-            figures.drifted += usize::from(recording.open_loop.drifted_after.is_some());
+            let open_loop = &recording.open_loop;
+            figures.open_loop.push(open_loop.worst);
+            figures.open_loop_untouched.push(open_loop.worst_untouched);
+            figures.drifted += usize::from(open_loop.drifted_after.is_some());
         }
         figures
     }
@@ -339,8 +362,8 @@ impl Figures {
     }
 }
 
-/// For each task its id and a table with a line for each recording and, if there are several, one for
-/// all of them.
+/// For each task its id, a table with a line for each recording and, if there are several, one for all
+/// of them, and the steps in which something touched an approximate shape.
 pub fn tables(replayed: &[Replayed]) -> String {
     let base = common_directory(replayed.iter().map(|r| r.path.as_path()));
     let mut text = String::new();
@@ -351,11 +374,19 @@ pub fn tables(replayed: &[Replayed]) -> String {
             lines.push(all(&of_task));
         }
         text += &format!("{task}\n{}", table(&lines, Vec::clone));
-        for recording in of_task.iter().filter(|r| r.steps.iter().any(|s| s.touched)) {
-            let steps = recording.steps.iter().filter(|s| s.touched).map(|s| s.t);
-            let steps: Vec<String> = ranges(steps);
+        for recording in of_task {
             let name = name(&recording.path, &base);
-            text += &format!("touched in {name}: steps {}\n", steps.join(", "));
+            let told = |what: &str, test: fn(&OneStep) -> bool| {
+                let steps = recording.steps.iter().filter(|step| test(step));
+                match ranges(steps.map(|step| step.t)) {
+                    steps if steps.is_empty() => String::new(),
+                    steps => format!("{what} in {name}: {steps}\n"),
+                }
+            };
+            text += &told("touched", |step| step.touched);
+            if recording.watched {
+                text += &told("apart, though not touched,", OneStep::is_apart);
+            }
         }
         text.push('\n');
     }
@@ -417,11 +448,18 @@ fn cells(name: String, recordings: &[&Replayed], median: String, drifted: String
         ("open-loop median", median),
         ("worst", number(found.open_loop.largest())),
         ("drift", drifted),
+        (
+            "untouched",
+            match found.touched {
+                0 => NOTHING.to_owned(),
+                _ => number(found.open_loop_untouched.largest()),
+            },
+        ),
     ]
 }
 
-/// Ascending numbers with neighbours drawn together: `3-5`, `8`.
-fn ranges(numbers: impl Iterator<Item = usize>) -> Vec<String> {
+/// Ascending numbers with neighbours drawn together: `3-5, 8`.
+fn ranges(numbers: impl Iterator<Item = usize>) -> String {
     let mut ranges: Vec<(usize, usize)> = Vec::new();
     for n in numbers {
         match ranges.last_mut() {
@@ -433,7 +471,8 @@ fn ranges(numbers: impl Iterator<Item = usize>) -> Vec<String> {
         true => first.to_string(),
         false => format!("{first}-{last}"),
     };
-    ranges.into_iter().map(text).collect()
+    let ranges: Vec<String> = ranges.into_iter().map(text).collect();
+    ranges.join(", ")
 }
 
 #[cfg(test)]
@@ -442,7 +481,7 @@ mod tests {
 
     #[test]
     fn neighbours_are_drawn_together() {
-        assert_eq!(ranges([0, 1, 2, 5, 7, 8].into_iter()), ["0-2", "5", "7-8"]);
+        assert_eq!(ranges([0, 1, 2, 5, 7, 8].into_iter()), "0-2, 5, 7-8");
         assert!(ranges(std::iter::empty()).is_empty());
     }
 }
