@@ -325,7 +325,6 @@ fn actions_are_clipped_and_reach_the_second_mount_first() {
 fn a_pen_on_the_forearm_is_noticed() {
     let mut task = made("PenSpin-v0");
     task.reset();
-    task.env.watch_contacts();
     task.step(&[0.0; 20]);
     assert!(!task.env.touched());
     let mut qpos = task.env.qpos().to_vec();

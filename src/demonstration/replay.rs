@@ -115,11 +115,10 @@ struct Replayer<'a> {
 
 impl<'a> Replayer<'a> {
     fn new(recording: &'a Recording) -> Result<Self, UnusableRecording> {
-        let mut env = env::make_replay_with(&recording.env, inertia(recording))
+        let env = env::make_watched(&recording.env, inertia(recording))
             .map_err(UnusableRecording::task(&recording.path))?;
         check_columns(recording, env.as_ref())?;
         recording.check_finite()?;
-        env.watch_contacts();
         let spec = env.spec();
         Ok(Self {
             recording,

@@ -12,11 +12,14 @@ mod scene;
 mod simulation;
 mod task;
 
+use std::sync::Arc;
+
+use mujoco_rs::Model;
 use serde::{Deserialize, Serialize};
 
 pub use hands::PenInertia;
 pub use registry::{
-    Made, MakeError, UnknownTask, ids, info, make, make_replay, make_replay_with, make_with, model,
+    Made, MakeError, UnknownTask, ids, info, make, make_replay, make_watched, make_with, model,
     rules,
 };
 pub use rules::{Rules, VelocityReading};
@@ -86,11 +89,15 @@ pub trait Replay: Env {
     /// Lets the state rest under the zero action as a reset does, and begins an episode there.
     fn settle(&mut self, observation: &mut [f64]);
 
-    /// From now on looks in every physics step for contacts of the geoms whose shape only
-    /// approximates the published one (slower).
-    fn watch_contacts(&mut self);
+    /// From now on looks in every physics step for what comes near the geoms whose shape only
+    /// approximates the published one, by the contacts of `model`: the same scene, but for the distance
+    /// from which those geoms list contacts.
+    ///
+    /// # Errors
+    /// If MuJoCo cannot set the second simulation up.
+    fn watch(&mut self, model: Arc<Model>) -> mujoco_rs::Result<()>;
 
-    /// Whether something touched such a geom in the last control step (or while settling).
+    /// Whether something came near such a geom in the last control step (or while settling).
     fn touched(&self) -> bool;
 
     /// What recordings leave open of this task's state.

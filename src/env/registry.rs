@@ -109,18 +109,23 @@ pub fn make_with(id: &str, reading: VelocityReading) -> Result<Made, MakeError> 
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
 pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
-    make_replay_with(id, PenInertia::default())
+    let entry = find(id)?;
+    Ok((entry.simulation)(model(id)?)?)
 }
 
-/// The task `id` with access to its state and with the pens' inertia as told (other objects have
-/// one only).
+/// The task `id` for comparing recordings: with the pens' inertia as told (other objects have one only),
+/// and noticing whatever comes as near to an approximate shape as the published one may reach.
 ///
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
-pub fn make_replay_with(id: &str, inertia: PenInertia) -> Result<Box<dyn Replay>, MakeError> {
+pub fn make_watched(id: &str, inertia: PenInertia) -> Result<Box<dyn Replay>, MakeError> {
     let entry = find(id)?;
-    let scene = hands::with_inertia(entry.info.scene, inertia);
-    Ok((entry.simulation)(scene::model(&scene)?)?)
+    let variant = |watched| scene::model(&hands::variant(entry.info.scene, inertia, watched));
+    let mut replay = (entry.simulation)(variant(false)?)?;
+    if !replay.recorded().approximate_geoms.is_empty() {
+        replay.watch(variant(true)?)?;
+    }
+    Ok(replay)
 }
 
 /// The rules of the task `id`.

@@ -20,7 +20,7 @@ pub struct Simulation<T: Task> {
     servos: Vec<Servo>,
     carried: T::Carried,
     elapsed_steps: usize,
-    watch: Watch,
+    watch: Option<Watch>,
 }
 
 /// How one number of an action becomes the command of an actuator.
@@ -32,12 +32,23 @@ struct Servo {
     high: f64,
 }
 
-/// Whether something touched one of these geoms during the last control step.
-#[derive(Default)]
+/// A second simulation that is only looked at: which of these geoms something came near to.
 struct Watch {
-    on: bool,
+    data: Data,
     geoms: Vec<usize>,
     touched: bool,
+}
+
+impl Watch {
+    /// Looks at the positions `qpos`.
+    fn look(&mut self, qpos: &[f64]) {
+        self.data.qpos_mut().copy_from_slice(qpos);
+        // A state that cannot be computed is noticed where it is simulated.
+        let _ = self.data.forward();
+        let watched = |geom| self.geoms.contains(&geom);
+        let mut contacts = self.data.contacts();
+        self.touched |= contacts.any(|pair| pair.into_iter().any(watched));
+    }
 }
 
 impl<T: Task> Simulation<T> {
@@ -73,7 +84,7 @@ impl<T: Task> Simulation<T> {
             task,
             data,
             elapsed_steps: 0,
-            watch: Watch::default(),
+            watch: None,
         })
     }
 
@@ -92,28 +103,18 @@ impl<T: Task> Simulation<T> {
 
     /// Advances the physics by `steps` of its own steps; false if the simulation broke down.
     fn advance(&mut self, steps: usize) -> bool {
-        let stepped = if self.watch.on {
-            self.advance_watching(steps)
-        } else {
-            self.data.step_n(steps).is_ok()
+        let stepped = match &mut self.watch {
+            None => self.data.step_n(steps).is_ok(),
+            Some(watch) => {
+                watch.touched = false;
+                (0..steps).all(|_| {
+                    watch.look(self.data.qpos());
+                    self.data.step().is_ok()
+                })
+            }
         };
         let forces = !T::CONTACT_FORCES || self.data.rne_post_constraint().is_ok();
         stepped && forces && !self.data.warnings().diverged()
-    }
-
-    /// As [`advance`](Self::advance), looking at the contacts of every physics step.
-    fn advance_watching(&mut self, steps: usize) -> bool {
-        self.watch.touched = false;
-        (0..steps).all(|_| {
-            let stepped = self.data.step().is_ok();
-            let watched = |geom| self.watch.geoms.contains(&geom);
-            let touching = self
-                .data
-                .contacts()
-                .any(|pair| pair.into_iter().any(watched));
-            self.watch.touched |= touching;
-            stepped
-        })
     }
 
     /// Writes a state over a cleared simulation and computes what depends on it.
@@ -309,16 +310,17 @@ impl<T: Task> Replay for Simulation<T> {
         self.begin(observation);
     }
 
-    fn watch_contacts(&mut self) {
-        self.watch = Watch {
-            on: true,
+    fn watch(&mut self, model: Arc<Model>) -> mujoco_rs::Result<()> {
+        self.watch = Some(Watch {
+            data: Data::new(model)?,
             geoms: self.task.recorded().approximate_geoms,
             touched: false,
-        };
+        });
+        Ok(())
     }
 
     fn touched(&self) -> bool {
-        self.watch.touched
+        self.watch.as_ref().is_some_and(|watch| watch.touched)
     }
 
     fn recorded(&self) -> Recorded {

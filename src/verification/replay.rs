@@ -197,9 +197,8 @@ impl<'a> Replayer<'a> {
     fn new(rollout: &'a Recording) -> Result<Self, ReplayError> {
         let info = env::info(&rollout.env).map_err(MakeError::from)?;
         let inertia = inertia(rollout);
-        let mut env = env::make_replay_with(&rollout.env, inertia)?;
+        let env = env::make_watched(&rollout.env, inertia)?;
         check_columns(rollout, env.as_ref())?;
-        env.watch_contacts();
         let recorded = env.recorded();
         let spec = env.spec();
         let goal = match &rollout.desired_goal {

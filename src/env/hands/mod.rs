@@ -237,6 +237,7 @@ fn scene(layout: &'static Layout, object: Object) -> Scene {
         layout,
         object,
         inertia: PenInertia::default(),
+        watched: false,
     })
 }
 
@@ -255,10 +256,14 @@ fn forearms(layout: &Layout, model: &Model) -> mujoco_rs::Result<Vec<usize>> {
         .collect()
 }
 
-/// What a task's scene is with the pens' inertia as told.
-pub fn with_inertia(scene: Scene, inertia: PenInertia) -> Scene {
+/// What a task's scene is with the pens' inertia as told, and watched or not.
+pub fn variant(scene: Scene, inertia: PenInertia, watched: bool) -> Scene {
     match scene {
-        Scene::Hands(hands) => Scene::Hands(HandScene { inertia, ..hands }),
+        Scene::Hands(hands) => Scene::Hands(HandScene {
+            inertia,
+            watched,
+            ..hands
+        }),
         Scene::File(name) => Scene::File(name),
     }
 }

@@ -44,7 +44,13 @@ pub struct HandScene {
     pub object: Object,
     /// Mass and inertia, if that is a pen.
     pub inertia: PenInertia,
+    /// Whether contacts with the forearms are listed from as far as their shape may differ from the
+    /// published one: a scene to look at, not to simulate.
+    pub watched: bool,
 }
+
+/// How far the published forearm may reach beyond ours, in metres: the largest deviation is 2.4 mm.
+const FOREARM_DEVIATION: &str = "0.0025";
 
 /// Explicit inertial of the published pens.
 const PEN_INERTIAL: &str = "<inertial pos=\"0 0 0\" mass=\"0.04182088140458733\" \
@@ -73,7 +79,12 @@ impl HandScene {
             PenInertia::Published => "",
             PenInertia::Derived => "_derived_inertia",
         };
-        format!("{}_{}{inertia}", self.object.name(), self.layout.name)
+        let watched = if self.watched { "_watched" } else { "" };
+        format!(
+            "{}_{}{inertia}{watched}",
+            self.object.name(),
+            self.layout.name
+        )
     }
 
     /// The scene's MJCF and the files it includes, but for `look.xml`.
@@ -131,9 +142,15 @@ impl HandScene {
         } else {
             ""
         };
+        let margin = if self.watched {
+            format!("margin=\"{FOREARM_DEVIATION}\"")
+        } else {
+            String::new()
+        };
         let text = fill(
             HAND,
             &[
+                ("{forearm_margin}", &margin),
                 ("{mount_joints}", joints),
                 ("{mount_pos}", &numbers(&mount.position)),
                 ("{mount_quat}", &numbers(&mount.quaternion)),
@@ -219,6 +236,7 @@ mod tests {
                     layout,
                     object,
                     inertia: PenInertia::Published,
+                    watched: false,
                 };
                 let (text, files) = scene.compose();
                 for text in files.iter().map(|(_, text)| text).chain([&text]) {
