@@ -206,12 +206,11 @@ fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
     println(&format!(
         "{tables}\
          qpos, qvel: largest error after one step from each recorded state, over the steps compared, target bodies left\n\
-         out. touched: steps in which something touched the forearm, whose shape is approximate; they are kept apart, there:\n\
-         largest qpos error in them. next: against the step recorded beside the states. reward: against the recorded one;\n\
+         out. touched: steps in which something came within 2.5 mm of the forearm, whose shape is approximate; they are kept\n\
+         apart, there: largest qpos error in them. next: against the step recorded beside the states. reward: against the recorded one;\n\
          stored: against reward_recorded, which differ: steps past {STORED_DIFFERENCE:.0e}, capped: with the spin term 8 at most, the\n\
          rule of the stored ones. success: flags that differ. open-loop: largest qpos error from the first state through\n\
-         all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.\n\
-         apart: steps past {drift:.0e} in which the published forearm, but not ours, may have been touched.",
+         all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.",
         drift = demonstration::DRIFT
     ))
 }

@@ -43,14 +43,6 @@ pub struct OneStep {
     pub success_differs: bool,
 }
 
-impl OneStep {
-    /// Whether the positions are past [`DRIFT`] although nothing touched an approximate shape: the
-    /// published shape may have been touched where ours was not.
-    pub fn is_apart(&self) -> bool {
-        !self.touched && self.qpos > Some(DRIFT)
-    }
-}
-
 /// A whole trajectory from its first recorded state through all recorded actions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OpenLoop {
@@ -375,16 +367,10 @@ pub fn tables(replayed: &[Replayed]) -> String {
         text += &format!("{task}\n{}", table(&lines, Vec::clone));
         for recording in of_task {
             let name = name(&recording.path, &base);
-            let told = |what: &str, test: fn(&OneStep) -> bool| {
-                let steps = recording.steps.iter().filter(|step| test(step));
-                match ranges(steps.map(|step| step.t)) {
-                    steps if steps.is_empty() => String::new(),
-                    steps => format!("{what} in {name}: {steps}\n"),
-                }
-            };
-            text += &told("touched", |step| step.touched);
-            if recording.watched {
-                text += &told("apart, though not touched,", OneStep::is_apart);
+            let touched = recording.steps.iter().filter(|step| step.touched);
+            let touched = ranges(touched.map(|step| step.t));
+            if !touched.is_empty() {
+                text += &format!("touched in {name}: {touched}\n");
             }
         }
         text.push('\n');
