@@ -1,6 +1,6 @@
 //! What the hand tasks promise beyond what `mamf verify` compares: starts, goals, success, commands, rules.
 
-use mamf::env::{self, Replay, Rules, Start, VelocityReading};
+use mamf::env::{self, PenInertia, Replay, Rules, Start, VelocityReading};
 use mamf::random::{Stream, stream};
 use std::sync::Arc;
 
@@ -324,6 +324,7 @@ fn actions_are_clipped_and_reach_the_second_mount_first() {
 #[test]
 fn a_pen_on_the_forearm_is_noticed() {
     let mut task = made("PenSpin-v0");
+    task.env = env::make_watched("PenSpin-v0", PenInertia::Published).unwrap();
     task.reset();
     task.step(&[0.0; 20]);
     assert!(!task.env.touched());

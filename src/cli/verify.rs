@@ -53,7 +53,7 @@ fn print(report: &Report) -> std::io::Result<u8> {
         "\nsettling: state and observation after the steps at rest with which an episode begins. goal: achieved\n\
          goals, and how far the desired goal is from those the task draws. sparse: reward of the sparse variant.\n\
          success, ends: steps at which simulator and recording (rules and simulator) disagree. touched: steps in\n\
-         which something touched the forearm, whose shape is approximate; they are kept apart. rule: reward computed\n\
+         which something came within 2.5 mm of a forearm, whose shape is approximate; they are kept apart. rule: reward computed\n\
          from observations, with the velocity before the step; mean-v: with the mean of the velocities around it.\n\
          known: coordinates that rules fill in. Tolerance {:.0e}; relative {:.0e} where the verdict says so.",
         verification::TOLERANCE,

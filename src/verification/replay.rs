@@ -102,7 +102,7 @@ pub struct Summary {
     pub steps: usize,
     /// Simulator against recording, without the steps of [`touched`](Summary::touched).
     pub differences: Differences,
-    /// Steps in which something touched a shape that only approximates the published one (and
+    /// Steps in which something came near a shape that only approximates the published one (and
     /// settlings, which count as one).
     pub touched: usize,
     /// Simulator against recording in those steps.
