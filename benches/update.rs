@@ -1,19 +1,19 @@
-//! One update of TD3 and of MAMF (its model step included) at the sizes of HalfCheetah, batch and
+//! One update of each method (its model step included) at the sizes of HalfCheetah, batch and
 //! noise drawn from replay as in training.
 
 use burn::optim::{AdamConfig, GradientsParams};
 use criterion::{Criterion, criterion_group, criterion_main};
-use mamf::agent::{ImaginationDraws, Sample, Td3};
-use mamf::config::{Config, Method};
+use mamf::agent::{Agent, Augmentation, ImaginationDraws, ModelDraws, Sample};
+use mamf::config::{Addition, Config, Method};
 use mamf::env;
-use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination};
+use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination, World};
 use mamf::nn::{Backend, Learner, Mlp, RunningMoments, TrainableMlp, matrix};
 use mamf::parallel::{join, with_threads};
 use mamf::random::stream;
 use mamf::replay::{ReplayBuffer, Transition};
 use rand::RngExt;
 use std::hint::black_box;
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 const TASK: &str = "HalfCheetah-v4";
@@ -28,21 +28,33 @@ fn updates(method: Method) -> impl FnMut() + Send {
     let device = config.compute.backend.device();
     let mut rng = stream(0, "bench");
 
-    let imagination = method.learns_model().then(|| {
+    let mut world = || {
         let shape = DynamicsShape {
             obs_size,
             action_size,
             known: rules.known(),
+            learns_reward: false,
         };
         let model = DynamicsModel::new(&config.model, shape, &mut rng, &device);
-        Imagination::new(&config.imagination, spec.action_limit, model, rules)
-    });
-    let settings = config.td3(&spec);
-    let mut agent = Td3::new(
-        settings,
+        World::new(model, Arc::clone(&rules))
+    };
+    let augmentation = match method.addition() {
+        Addition::None => Augmentation::None,
+        Addition::Imagination => Augmentation::Imagination(Imagination::new(
+            &config.imagination,
+            spec.action_limit,
+            world(),
+        )),
+        Addition::Expansion => Augmentation::Expansion {
+            world: world(),
+            horizon: config.expansion.horizon,
+        },
+    };
+    let mut agent = Agent::new(
+        config.agent(&spec),
         obs_size,
         action_size,
-        imagination,
+        augmentation,
         &mut rng,
         &device,
     );
@@ -75,28 +87,27 @@ fn updates(method: Method) -> impl FnMut() + Send {
     }
     let scaling = moments.scaling(5.0, 1e-2);
     // A stream for each of the two kinds of draws, as in training.
-    let (mut batch_rng, mut imagination_rng) = (stream(1, "bench"), stream(2, "bench"));
-    let imagines = method.learns_model();
+    let [mut batch_rng, mut imagination_rng, mut policy_rng] =
+        [1, 2, 3].map(|seed| stream(seed, "bench"));
     move || {
-        let (sample, imagination) = join(
+        let (sample, model) = join(
             || {
-                Sample::draw(
-                    replay.sample(rows, &mut batch_rng),
-                    action_size,
-                    &mut batch_rng,
-                )
+                let batch = replay.sample(rows, &mut batch_rng);
+                Sample::draw(batch, action_size, &mut batch_rng)
+                    .with_policy_noise(action_size, &mut policy_rng)
             },
             || {
-                imagines.then(|| {
-                    let batch = replay.sample(rows, &mut imagination_rng);
-                    ImaginationDraws::draw(batch, rows, action_size, &mut imagination_rng)
+                method.learns_model().then(|| ModelDraws {
+                    batch: replay.sample(rows, &mut imagination_rng),
+                    imagination: Some(ImaginationDraws::draw(
+                        rows,
+                        action_size,
+                        &mut imagination_rng,
+                    )),
                 })
             },
         );
-        let sample = Sample {
-            imagination,
-            ..sample
-        };
+        let sample = Sample { model, ..sample };
         black_box(agent.update(&sample, &scaling));
     }
 }
@@ -106,7 +117,7 @@ fn bench(criterion: &mut Criterion) {
     let threads = std::env::var("MAMF_BENCH_THREADS").map_or(2, |n| n.parse().unwrap());
     for (group, threads) in [("update", threads), ("update-1-thread", 1)] {
         let mut group = criterion.benchmark_group(group);
-        for method in [Method::Td3, Method::Mamf] {
+        for method in Method::ALL {
             let mut update = updates(method);
             // One pool for all samples, as in training: it gets the number of iterations to make
             // and gives back the time they took.

@@ -1,13 +1,25 @@
 //! Agents: a batch goes in, updated networks and figures come out. They never see a simulator.
+//!
+//! An agent is a base algorithm (`base`) and an augmentation of its critics' update (`imaginary`,
+//! `expansion`); adding one of either is one file.
 
+#[allow(clippy::module_inception)]
+mod agent;
+mod base;
+mod bootstrap;
+mod critics;
+mod expansion;
 mod figures;
+mod imaginary;
 mod policy;
 mod sample;
 mod settings;
-mod td3;
 
+pub use agent::{Agent, Augmentation, Targets};
+pub use base::EntropyFigures;
+pub use expansion::{ExpandedTargets, Position};
 pub use figures::{Figures, ImaginationFigures};
+pub use imaginary::ImaginaryTargets;
 pub use policy::Policy;
-pub use sample::{ImaginationDraws, Sample};
-pub use settings::{SmoothingSettings, Td3Settings};
-pub use td3::{ImaginaryTargets, Targets, Td3};
+pub use sample::{ImaginationDraws, ModelDraws, Sample};
+pub use settings::{AgentSettings, BaseAlgorithm, SmoothingSettings, TemperatureSettings};

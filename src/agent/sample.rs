@@ -9,20 +9,30 @@ use rand::RngExt;
 pub struct Sample {
     /// The batch the critics and the actor learn from.
     pub batch: Batch,
-    /// Standard normal draws of the target policy's smoothing at `s'`, `[n, action_size]`.
+    /// Standard normal draws of the next action at `s'`, `[n, action_size]`: of the target policy's
+    /// smoothing, or of the policy itself if that is stochastic.
     pub smoothing: Vec<f32>,
+    /// Standard normal draws of the actor's step, `[n, action_size]`, of stochastic policies.
+    pub policy: Vec<f32>,
+    /// For agents that have a model.
+    pub model: Option<ModelDraws>,
+}
+
+/// What agents with a model consume besides.
+#[derive(Debug, Clone)]
+pub struct ModelDraws {
+    /// The batch of the model's step, of as many rows as the other one.
+    pub batch: Batch,
     /// For agents that imagine.
     pub imagination: Option<ImaginationDraws>,
 }
 
-/// What imagination consumes besides.
+/// What imagination consumes.
 #[derive(Debug, Clone)]
 pub struct ImaginationDraws {
-    /// The batch of the model's step, of as many rows as the other one.
-    pub model_batch: Batch,
     /// Standard normal draws of the imaginary actions' noise, `[n, action_size]`.
     pub action: Vec<f32>,
-    /// Standard normal draws of the target policy's smoothing at `s_hat`, `[n, action_size]`.
+    /// Standard normal draws of the next action at `s_hat`, `[n, action_size]`.
     pub smoothing: Vec<f32>,
     /// Uniform draws in [0, 1) of the uncertainty filter, `[n]`.
     pub keep: Vec<f32>,
@@ -30,14 +40,8 @@ pub struct ImaginationDraws {
 
 impl ImaginationDraws {
     /// Draws the noise for `rows` rows.
-    pub fn draw(
-        model_batch: Batch,
-        rows: usize,
-        action_size: usize,
-        rng: &mut Stream,
-    ) -> ImaginationDraws {
+    pub fn draw(rows: usize, action_size: usize, rng: &mut Stream) -> ImaginationDraws {
         ImaginationDraws {
-            model_batch,
             action: standard_normal(rows * action_size, rng),
             smoothing: standard_normal(rows * action_size, rng),
             keep: (0..rows).map(|_| rng.random::<f32>()).collect(),
@@ -46,13 +50,20 @@ impl ImaginationDraws {
 }
 
 impl Sample {
-    /// Draws the smoothing noise for `batch`; nothing for imagination.
+    /// Draws the noise of the next actions for `batch`; nothing for the actor or a model.
     pub fn draw(batch: Batch, action_size: usize, rng: &mut Stream) -> Sample {
         Sample {
             smoothing: standard_normal(batch.rows * action_size, rng),
             batch,
-            imagination: None,
+            policy: Vec::new(),
+            model: None,
         }
+    }
+
+    /// Draws the noise of the actor's step too.
+    pub fn with_policy_noise(mut self, action_size: usize, rng: &mut Stream) -> Sample {
+        self.policy = standard_normal(self.batch.rows * action_size, rng);
+        self
     }
 }
 

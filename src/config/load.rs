@@ -220,6 +220,7 @@ impl Given {
         let preset = Table::try_from(Config::preset(method)).expect("a preset is a TOML table");
         let defaults = flattened(&preset);
 
+        let by_option = matches!(self.0.get("method"), Some((Source::Option(_), _)));
         let mut merged = preset;
         for (key, (origin, value)) in &self.0 {
             let Some(default) = defaults.get(key) else {
@@ -234,6 +235,19 @@ impl Given {
                 value: value.to_string(),
                 expected: type_name(default).into(),
             })?;
+            if let Some(reason) = method.ignores(key) {
+                // What a file says for its own method may stay there when an option picks another.
+                let overruled = matches!(origin, Source::File(_)) && by_option;
+                if !overruled && value != *default {
+                    return Err(ConfigError::WrongValue {
+                        origin: origin.clone(),
+                        key: key.clone(),
+                        value: value.to_string(),
+                        expected: format!("no such setting: method `{}` {reason}", method.name()),
+                    });
+                }
+                continue;
+            }
             insert(&mut merged, key, value);
         }
 

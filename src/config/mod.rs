@@ -10,5 +10,5 @@ mod settings;
 mod validate;
 
 pub use load::{ConfigError, Overrides, Source, read, read_resolved};
-pub use method::{Augmentation, Method};
+pub use method::{Addition, Method};
 pub use settings::*;

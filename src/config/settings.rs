@@ -1,11 +1,11 @@
 //! Every setting, its meaning, its unit and its published default.
 
-use super::Method;
-use crate::agent::{SmoothingSettings, Td3Settings};
+use super::{Addition, Method};
+use crate::agent::{AgentSettings, BaseAlgorithm, SmoothingSettings, TemperatureSettings};
 use crate::env::{Spec, VelocityReading};
 use crate::imagination::{
-    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison,
-    UncertaintyScale,
+    ExpansionSettings, ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict,
+    RewardSource, TargetComparison, UncertaintyScale,
 };
 use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
 use crate::replay::DemonstrationSettings;
@@ -37,14 +37,18 @@ pub struct Config {
     pub action_coupling: f64,
     /// Deviation of the exploration noise, as a fraction of the action limit.
     pub exploration_noise: f64,
-    /// Environment and gradient steps between two policy and target updates.
+    /// Environment steps between two policy and target updates.
     pub policy_delay: u64,
+    /// Updates of the critics (and of the model) an environment step.
+    pub critic_updates: u64,
     /// Polyak averaging rate of the target networks.
     pub tau: f64,
     /// Networks and their optimiser.
     pub networks: NetworkSettings,
     /// Smoothing of the target policy.
     pub target_smoothing: SmoothingSettings,
+    /// Temperature of SAC.
+    pub temperature: TemperatureSettings,
     /// Observation scaling.
     pub scaling: ScalingSettings,
     /// Replay buffer.
@@ -55,6 +59,8 @@ pub struct Config {
     pub model: ModelSettings,
     /// Imaginary transitions.
     pub imagination: ImaginationSettings,
+    /// Value expansion.
+    pub expansion: ExpansionSettings,
     /// What the designer knows of the task.
     pub rules: Rules,
     /// Evaluation of the deterministic policy.
@@ -77,6 +83,8 @@ pub struct Replay {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
+    /// Whether imagined rewards come from the known rule or from the model.
+    pub reward: RewardSource,
     /// Velocity read by the forward rewards.
     pub velocity: VelocityReading,
 }
@@ -119,19 +127,25 @@ impl Config {
     }
 
     /// The part of the settings that the agent is built from, for actions as `spec` says.
-    pub fn td3(&self, spec: &Spec) -> Td3Settings {
-        Td3Settings {
+    pub fn agent(&self, spec: &Spec) -> AgentSettings {
+        AgentSettings {
+            base: self.method.base(),
             networks: self.networks.clone(),
             coupling: self.coupling(spec),
             discount: self.discount,
             tau: self.tau,
             policy_delay: self.policy_delay,
             smoothing: self.target_smoothing.clone(),
+            temperature: self.temperature.clone(),
         }
     }
 
     /// The preset of `method` for no task in particular: the paper's figures.
     pub fn preset(method: Method) -> Config {
+        let imagines = method.addition() == Addition::Imagination;
+        // MA-TD3 has the noise of TD3's target smoothing, and of the components only the filter by
+        // uncertainty.
+        let is_mamf = imagines && method != Method::MaTd3;
         Config {
             task: String::new(),
             method,
@@ -143,7 +157,14 @@ impl Config {
             discount: 0.98,
             action_coupling: 0.7,
             exploration_noise: 0.1,
-            policy_delay: 2,
+            policy_delay: match method.base() {
+                BaseAlgorithm::Td3 => 2,
+                BaseAlgorithm::Ddpg | BaseAlgorithm::Sac => 1,
+            },
+            critic_updates: match method {
+                Method::Td3Critic2 => 2,
+                _ => 1,
+            },
             tau: 0.005,
             networks: NetworkSettings {
                 hidden: vec![256, 256],
@@ -153,6 +174,10 @@ impl Config {
             target_smoothing: SmoothingSettings {
                 deviation: 0.2,
                 clip: 0.5,
+            },
+            temperature: TemperatureSettings {
+                initial: 0.1,
+                learning_rate: 3e-4,
             },
             scaling: ScalingSettings {
                 enabled: true,
@@ -170,17 +195,22 @@ impl Config {
                 predict: Predict::NextState,
             },
             imagination: ImaginationSettings {
-                optimism: true,
-                noise_decay: true,
-                target_filter: true,
-                uncertainty_filter: true,
+                optimism: is_mamf,
+                noise_decay: is_mamf,
+                target_filter: is_mamf,
+                uncertainty_filter: imagines,
+                noise_deviation: if method == Method::MaTd3 { 0.2 } else { 1.0 },
+                noise_relative: method == Method::MaTd3,
+                noise_bound: if method == Method::MaTd3 { 0.5 } else { 1.0 },
                 bias_factor: 1.0 / 6.0,
                 decay_rate: 0.999_999_6,
                 target_comparison: TargetComparison::GreaterEqual,
                 uncertainty_scale: UncertaintyScale::RunningMax,
                 imaginary_loss_mean: ImaginaryLossMean::Kept,
             },
+            expansion: ExpansionSettings { horizon: 3 },
             rules: Rules {
+                reward: RewardSource::Known,
                 velocity: VelocityReading::Mean,
             },
             evaluation: Evaluation {

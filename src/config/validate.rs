@@ -15,6 +15,8 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     positive("steps", c.steps)?;
     positive("batch_size", c.batch_size as u64)?;
     positive("policy_delay", c.policy_delay)?;
+    positive("critic_updates", c.critic_updates)?;
+    at_most("critic_updates", c.critic_updates, 1_000)?;
     within("discount", c.discount, 0.0, 1.0)?;
     above_zero("action_coupling", c.action_coupling, 1.0)?;
     within("exploration_noise", c.exploration_noise, 0.0, 10.0)?;
@@ -38,6 +40,12 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         10.0,
     )?;
     within("target_smoothing.clip", c.target_smoothing.clip, 0.0, 10.0)?;
+    above_zero("temperature.initial", c.temperature.initial, 1e3)?;
+    above_zero(
+        "temperature.learning_rate",
+        c.temperature.learning_rate,
+        rate,
+    )?;
     positive("scaling.every", c.scaling.every)?;
     within("scaling.clip", c.scaling.clip, 1e-6, 1e6)?;
     within(
@@ -76,6 +84,20 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         1.0,
     )?;
     above_zero("imagination.decay_rate", c.imagination.decay_rate, 1.0)?;
+    within(
+        "imagination.noise_deviation",
+        c.imagination.noise_deviation,
+        0.0,
+        10.0,
+    )?;
+    within(
+        "imagination.noise_bound",
+        c.imagination.noise_bound,
+        0.0,
+        10.0,
+    )?;
+    positive("expansion.horizon", c.expansion.horizon as u64)?;
+    at_most("expansion.horizon", c.expansion.horizon as u64, 100)?;
     positive("evaluation.every", c.evaluation.every)?;
     positive("evaluation.episodes", c.evaluation.episodes as u64)?;
     positive("checkpoint.every", c.checkpoint.every)?;

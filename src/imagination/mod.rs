@@ -6,12 +6,14 @@ mod filters;
 mod noise;
 mod settings;
 mod transitions;
+mod world;
 
-pub use dynamics::{DynamicsModel, DynamicsShape};
+pub use dynamics::{DynamicsModel, DynamicsShape, ModelBatch, Prediction};
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
 pub use noise::NoiseBound;
 pub use settings::{
-    ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict, TargetComparison,
-    UncertaintyScale,
+    ExpansionSettings, ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict,
+    RewardSource, TargetComparison, UncertaintyScale,
 };
-pub use transitions::{Imagination, Imagined};
+pub use transitions::Imagination;
+pub use world::{Imagined, World};

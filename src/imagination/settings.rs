@@ -12,6 +12,16 @@ pub enum Predict {
     Delta,
 }
 
+/// Where the rewards of imagined steps come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RewardSource {
+    /// The designer's rule (paper).
+    Known,
+    /// A further output of the dynamics model, for tasks whose reward nobody can write down.
+    Learned,
+}
+
 /// The learned dynamics model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -66,6 +76,12 @@ pub struct ImaginationSettings {
     pub target_filter: bool,
     /// Keep rows in proportion to the target critics' disagreement (equation 9).
     pub uncertainty_filter: bool,
+    /// Deviation of the actions' noise before it is clipped; 1 is `N(0, 1)` of equation 7.
+    pub noise_deviation: f64,
+    /// Whether that deviation is a fraction of the action limit.
+    pub noise_relative: bool,
+    /// Bound `eta` of the noise at first, as a fraction of the action limit.
+    pub noise_bound: f64,
     /// `c` in equation 6.
     pub bias_factor: f64,
     /// `rho`: factor of the noise bound per update.
@@ -76,4 +92,12 @@ pub struct ImaginationSettings {
     pub uncertainty_scale: UncertaintyScale,
     /// Mean of the imaginary part of the critic loss.
     pub imaginary_loss_mean: ImaginaryLossMean,
+}
+
+/// Model-based value expansion (Feinberg et al. 2018); used by the methods that expand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExpansionSettings {
+    /// Imagined steps after the real one.
+    pub horizon: usize,
 }

@@ -1,52 +1,38 @@
-//! Imaginary one-step transitions (paper, equation 7).
+//! Imaginary one-step transitions with noisy actions (paper, equations 7 to 10).
 
 use super::{
-    DynamicsModel, ImaginaryLossMean, ImaginationSettings, Kept, NoiseBound, TargetFilter,
-    UncertaintyFilter, keep,
+    ImaginaryLossMean, ImaginationSettings, Kept, NoiseBound, TargetFilter, UncertaintyFilter,
+    World, keep,
 };
-use crate::env::Rules;
-use crate::nn::ObservationScaling;
-use std::sync::Arc;
 
-/// Everything an agent needs to imagine: the model, what the designer knows, noise and filters.
+/// Everything an agent needs to imagine other actions: the world, noise and filters.
 pub struct Imagination {
-    /// The learned dynamics.
-    pub model: DynamicsModel,
-    rules: Arc<dyn Rules>,
+    /// Where actions lead.
+    pub world: World,
+    deviation: f64,
     noise: NoiseBound,
     target_filter: Option<TargetFilter>,
     uncertainty_filter: Option<UncertaintyFilter>,
     loss_mean: ImaginaryLossMean,
 }
 
-/// Where the imaginary actions lead: `s_hat` in scaled space, `r_hat` and `d_hat`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Imagined {
-    /// `s_hat`, scaled and clipped, `[n, obs_size]`.
-    pub next_obs: Vec<f32>,
-    /// `r_hat`, `[n]`.
-    pub reward: Vec<f32>,
-    /// `d_hat`, `[n]`, 1 or 0.
-    pub terminated: Vec<f32>,
-}
-
 impl Imagination {
     /// Imagination at the beginning of phase 2 for actions within `action_limit`.
-    pub fn new(
-        settings: &ImaginationSettings,
-        action_limit: f64,
-        model: DynamicsModel,
-        rules: Arc<dyn Rules>,
-    ) -> Imagination {
+    pub fn new(settings: &ImaginationSettings, action_limit: f64, world: World) -> Imagination {
         let rate = if settings.noise_decay {
             settings.decay_rate
         } else {
             1.0
         };
+        let unit = if settings.noise_relative {
+            action_limit
+        } else {
+            1.0
+        };
         Imagination {
-            model,
-            rules,
-            noise: NoiseBound::new(action_limit, rate),
+            world,
+            deviation: settings.noise_deviation * unit,
+            noise: NoiseBound::new(settings.noise_bound * action_limit, rate),
             target_filter: settings
                 .target_filter
                 .then_some(TargetFilter(settings.target_comparison)),
@@ -71,6 +57,14 @@ impl Imagination {
         self.noise.bound()
     }
 
+    /// Adds the noise of equation 7 to the policy's output; `z` is standard normal.
+    pub fn add_noise(&self, output: &mut [f32], z: &[f32]) {
+        let (deviation, bound) = (self.deviation as f32, self.noise.bound() as f32);
+        for (u, z) in output.iter_mut().zip(z) {
+            *u += (deviation * z).clamp(-bound, bound);
+        }
+    }
+
     /// Passes to the next update: `eta <- eta rho`.
     pub fn decay_noise(&mut self) {
         self.noise.decay();
@@ -80,32 +74,6 @@ impl Imagination {
     pub fn running_max(&self) -> f32 {
         self.uncertainty_filter
             .map_or(0.0, |filter| filter.running_max())
-    }
-
-    /// Where `action` (executed, `[n, action_size]`) leads from `obs` (as observed) alias
-    /// `scaled_obs`, `[n, obs_size]` each, under `scaling`.
-    ///
-    /// The rules see unscaled observations; what they know replaces what the model says of it.
-    pub fn imagine(
-        &self,
-        obs: &[f32],
-        scaled_obs: &[f32],
-        action: &[f32],
-        scaling: &ObservationScaling,
-    ) -> Imagined {
-        let rows = obs.len() / scaling.size();
-        let mut next = self.model.predict(scaled_obs, action);
-        scaling.unscale(&mut next);
-        self.rules.complete_batch(obs, action, &mut next, rows);
-        let mut reward = vec![0.0; rows];
-        self.rules.reward_batch(obs, action, &next, &mut reward);
-        let mut terminated = vec![0.0; rows];
-        self.rules.terminated_batch(&next, &mut terminated);
-        Imagined {
-            next_obs: scaling.scale(&next),
-            reward,
-            terminated,
-        }
     }
 
     /// Which rows train the critics; see [`keep`].

@@ -23,6 +23,38 @@ pub struct Adam {
     moments: Vec<Moments>,
 }
 
+/// Adam for a single number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScalarAdam {
+    learning_rate: f64,
+    steps: i32,
+    first: f64,
+    second: f64,
+}
+
+impl ScalarAdam {
+    /// Without a step so far.
+    pub fn new(learning_rate: f64) -> ScalarAdam {
+        ScalarAdam {
+            learning_rate,
+            steps: 0,
+            first: 0.0,
+            second: 0.0,
+        }
+    }
+
+    /// What to subtract for this `gradient`.
+    pub fn step(&mut self, gradient: f64) -> f64 {
+        let [beta_1, beta_2, epsilon] = [BETA_1, BETA_2, EPSILON].map(f64::from);
+        self.steps += 1;
+        self.first = beta_1 * self.first + (1.0 - beta_1) * gradient;
+        self.second = beta_2 * self.second + (1.0 - beta_2) * gradient * gradient;
+        let first = self.first / (1.0 - beta_1.powi(self.steps));
+        let second = self.second / (1.0 - beta_2.powi(self.steps));
+        self.learning_rate * first / (second.sqrt() + epsilon)
+    }
+}
+
 #[derive(Debug, Clone, Default)]
 struct Moments {
     first: Vec<f32>,

@@ -67,6 +67,11 @@ impl Mlp {
         features
     }
 
+    /// Width of what comes out.
+    pub fn outputs(&self) -> usize {
+        self.layers.last().map_or(0, |layer| layer.outputs)
+    }
+
     /// Moves every parameter towards `online`'s: `(1 - tau) self + tau online`.
     pub fn polyak(&mut self, online: &Mlp, tau: f64) {
         let (keep, tau) = ((1.0 - tau) as f32, tau as f32);

@@ -13,6 +13,7 @@ mod tensors;
 mod trainable;
 mod weights;
 
+pub use adam::ScalarAdam;
 pub use coupling::Coupling;
 pub use learner::{Gradient, Learner};
 pub use mlp::Mlp;

@@ -215,12 +215,17 @@ impl Checkpoint {
     /// # Errors
     /// When the arrays do not fit the task and the configuration.
     pub fn policy(&self, spec: &Spec) -> Result<Policy, CheckpointError> {
-        let settings = self.config.td3(spec);
+        let settings = self.config.agent(spec);
         let widths = settings.actor_widths(spec.obs_size, spec.action_size);
         let load = || -> Result<Policy, WeightError> {
             let actor = Mlp::load("actor", &widths, &self.weights)?;
             let scaling = ObservationScaling::load(spec.obs_size, &self.weights)?;
-            Ok(Policy::new(actor, scaling, settings.coupling))
+            Ok(Policy::new(
+                actor,
+                settings.base,
+                scaling,
+                settings.coupling,
+            ))
         };
         load().map_err(|error| damaged(self.path.join(WEIGHTS), error))
     }

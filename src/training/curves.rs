@@ -55,6 +55,8 @@ pub(super) struct TrainRow {
     target_kept: Option<f64>,
     uncertainty_kept: Option<f64>,
     kept: Option<f64>,
+    temperature: Option<f64>,
+    entropy: Option<f64>,
 }
 
 /// One row of `timing.csv`, seconds of wall clock since the row before.
@@ -102,6 +104,8 @@ pub(super) struct Interval {
     target_kept: Mean,
     uncertainty_kept: Mean,
     kept: Mean,
+    temperature: Mean,
+    entropy: Mean,
 }
 
 impl Interval {
@@ -140,6 +144,10 @@ impl Interval {
             self.uncertainty_kept.add(imagination.by_uncertainty);
             self.kept.add(imagination.kept);
         }
+        if let Some(entropy) = figures.entropy {
+            self.temperature.add(f64::from(entropy.temperature));
+            self.entropy.add(f64::from(-entropy.log_density));
+        }
     }
 
     /// The row at `step`, and a new interval.
@@ -161,6 +169,8 @@ impl Interval {
             target_kept: i.target_kept.get(),
             uncertainty_kept: i.uncertainty_kept.get(),
             kept: i.kept.get(),
+            temperature: i.temperature.get(),
+            entropy: i.entropy.get(),
         }
     }
 }

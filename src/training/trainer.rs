@@ -4,16 +4,18 @@ use super::curves::{self, Curves, EvalRow, Interval, TimingRow};
 use super::experience::{Experience, Runner, Side};
 use super::provenance::Provenance;
 use super::{Checkpoint, Evaluation, Evaluator, RunDirectory, TrainError};
-use crate::agent::{ImaginationDraws, Sample, Td3};
-use crate::config::Config;
-use crate::env::{self, Scene};
-use crate::imagination::{DynamicsModel, DynamicsShape, Imagination};
+use crate::agent::{Agent, Augmentation, ImaginationDraws, ModelDraws, Sample};
+use crate::config::{Addition, Config};
+use crate::env::{self, Rules, Scene, Spec};
+use crate::imagination::{DynamicsModel, DynamicsShape, Imagination, RewardSource, World};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
 use crate::random::{Stream, stream};
 use crate::replay::{Demonstrations, ReplayBuffer, Segments, Sizes};
+use burn::tensor::Device;
 use rand::RngExt;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -52,7 +54,7 @@ pub struct Trainer {
     curves: Curves,
     experience: Experience,
     demonstrations: Option<[usize; 2]>,
-    agent: Td3,
+    agent: Agent,
     evaluator: Evaluator,
     replay: ReplayBuffer,
     moments: RunningMoments,
@@ -71,6 +73,7 @@ struct Streams {
     replay: Stream,
     model_replay: Stream,
     smoothing: Stream,
+    policy: Stream,
     imagination: Stream,
 }
 
@@ -98,28 +101,11 @@ impl Trainer {
         let seeded = |name| stream(config.seed, name);
         let device = config.compute.backend.device();
 
-        let imagination = if config.method.learns_model() {
-            let shape = DynamicsShape {
-                obs_size: spec.obs_size,
-                action_size: spec.action_size,
-                known: rules.known(),
-            };
-            let model =
-                DynamicsModel::new(&config.model, shape, &mut seeded("init-model"), &device);
-            Some(Imagination::new(
-                &config.imagination,
-                spec.action_limit,
-                model,
-                rules,
-            ))
-        } else {
-            None
-        };
-        let agent = Td3::new(
-            config.td3(&spec),
+        let agent = Agent::new(
+            config.agent(&spec),
             spec.obs_size,
             spec.action_size,
-            imagination,
+            augmentation(&config, &spec, rules, &device),
             &mut seeded("init"),
             &device,
         );
@@ -154,6 +140,7 @@ impl Trainer {
                 replay: seeded("replay"),
                 model_replay: seeded("model-replay"),
                 smoothing: seeded("smoothing"),
+                policy: seeded("policy"),
                 imagination: seeded("imagination"),
             },
             interval: Interval::default(),
@@ -306,12 +293,18 @@ impl Trainer {
         if self.replay.is_empty() {
             // Nothing but diverged steps so far.
         } else if step > self.config.random_steps {
-            let sample = self.draw_sample();
-            let figures = self.agent.update(&sample, &self.scaling);
-            not_finite = figures.not_finite();
-            changed = figures.actor_loss.is_some();
-            self.interval.update(&figures);
-        } else if step > self.config.model_start && self.agent.imagination().is_some() {
+            for n in 1..=self.config.critic_updates {
+                let sample = self.draw_sample();
+                let figures = if n < self.config.critic_updates {
+                    self.agent.update_critics(&sample, &self.scaling)
+                } else {
+                    self.agent.update(&sample, &self.scaling)
+                };
+                not_finite = not_finite.or(figures.not_finite());
+                changed = figures.actor_loss.is_some();
+                self.interval.update(&figures);
+            }
+        } else if step > self.config.model_start && self.config.method.learns_model() {
             let batch = self.replay.sample(rows, &mut self.streams.model_replay);
             if let Some(loss) = self.agent.train_model(&batch, &self.scaling) {
                 not_finite = (!loss.is_finite()).then_some("model loss");
@@ -336,33 +329,34 @@ impl Trainer {
     /// Transitions and noise of one update.
     fn draw_sample(&mut self) -> Sample {
         let (rows, action_size) = (self.config.batch_size, self.experience.spec().action_size);
-        let (replay, streams) = (&self.replay, &mut self.streams);
-        let imagines = self.agent.imagination().is_some();
-        let (sample, imagination) = join(
+        let (replay, streams, method) = (&self.replay, &mut self.streams, self.config.method);
+        let (sample, model) = join(
             || {
-                Sample::draw(
-                    replay.sample(rows, &mut streams.replay),
-                    action_size,
-                    &mut streams.smoothing,
-                )
+                let batch = replay.sample(rows, &mut streams.replay);
+                let sample = Sample::draw(batch, action_size, &mut streams.smoothing);
+                if method.base().is_stochastic() {
+                    sample.with_policy_noise(action_size, &mut streams.policy)
+                } else {
+                    sample
+                }
             },
             || {
-                imagines.then(|| {
-                    let batch = replay.sample(rows, &mut streams.model_replay);
-                    ImaginationDraws::draw(batch, rows, action_size, &mut streams.imagination)
+                method.learns_model().then(|| ModelDraws {
+                    batch: replay.sample(rows, &mut streams.model_replay),
+                    imagination: (method.addition() == Addition::Imagination).then(|| {
+                        ImaginationDraws::draw(rows, action_size, &mut streams.imagination)
+                    }),
                 })
             },
         );
-        Sample {
-            imagination,
-            ..sample
-        }
+        Sample { model, ..sample }
     }
 
     /// Line 12 of Algorithm 1: `b = r* l c` (equation 6).
     fn begin_phase_2(&mut self, largest_reward: f64) {
         let settings = &self.config.imagination;
-        if self.agent.imagination().is_some() && settings.optimism && largest_reward.is_finite() {
+        let imagines = self.config.method.addition() == Addition::Imagination;
+        if imagines && settings.optimism && largest_reward.is_finite() {
             let episode_limit = self.experience.spec().max_episode_steps as f64;
             let bias = largest_reward * episode_limit * settings.bias_factor;
             self.agent.set_optimism(bias as f32);
@@ -451,6 +445,38 @@ impl Clock {
             update_seconds: self.update.as_secs_f64(),
             evaluation_seconds: evaluation.as_secs_f64(),
         }
+    }
+}
+
+/// What the method of `config` adds to its base, with a fresh model.
+fn augmentation(
+    config: &Config,
+    spec: &Spec,
+    rules: Arc<dyn Rules>,
+    device: &Device,
+) -> Augmentation {
+    let world = || {
+        let shape = DynamicsShape {
+            obs_size: spec.obs_size,
+            action_size: spec.action_size,
+            known: rules.known(),
+            learns_reward: config.rules.reward == RewardSource::Learned,
+        };
+        let rng = &mut stream(config.seed, "init-model");
+        let model = DynamicsModel::new(&config.model, shape, rng, device);
+        World::new(model, Arc::clone(&rules))
+    };
+    match config.method.addition() {
+        Addition::None => Augmentation::None,
+        Addition::Imagination => Augmentation::Imagination(Imagination::new(
+            &config.imagination,
+            spec.action_limit,
+            world(),
+        )),
+        Addition::Expansion => Augmentation::Expansion {
+            world: world(),
+            horizon: config.expansion.horizon,
+        },
     }
 }
 
