@@ -1,10 +1,13 @@
 //! The update agrees with an independent implementation, `scripts/reference_update.py`, whose
 //! results lie in `fixtures/update` (see the README there).
 
-use mamf::agent::{ImaginationDraws, Sample, SmoothingSettings, Td3, Td3Settings};
+use mamf::agent::{
+    Agent, AgentSettings, Augmentation, BaseAlgorithm, ImaginationDraws, ModelDraws, Sample,
+    SmoothingSettings, Targets, TemperatureSettings,
+};
 use mamf::env::{self, VelocityReading};
 use mamf::imagination::{
-    DynamicsModel, DynamicsShape, Imagination, ImaginationSettings, ModelSettings,
+    DynamicsModel, DynamicsShape, Imagination, ImaginationSettings, ModelSettings, World,
 };
 use mamf::nn::{Backend, Coupling, NetworkSettings, ObservationScaling, Weights};
 use mamf::replay::Batch;
@@ -89,23 +92,94 @@ impl Case {
                 weights.insert(network.to_owned(), data);
             }
         }
+        if self.base() == BaseAlgorithm::Sac {
+            let data = burn::tensor::TensorData::new(self.single("in.log_alpha"), [1]);
+            weights.insert("log_temperature".to_owned(), data);
+        }
         weights
     }
 
-    fn agent(&self) -> Td3 {
-        let device = Backend::Flex.device();
-        let weights = self.weights();
-        let coupling = Coupling {
-            beta: self.f("beta"),
-            limit: self.f("a_max"),
+    fn base(&self) -> BaseAlgorithm {
+        match self.settings["base"].as_str().unwrap() {
+            "td3" => BaseAlgorithm::Td3,
+            "ddpg" => BaseAlgorithm::Ddpg,
+            "sac" => BaseAlgorithm::Sac,
+            other => panic!("{other}"),
+        }
+    }
+
+    fn has_model(&self) -> bool {
+        self.b("imagination") || self.n("horizon") > 0
+    }
+
+    fn world(&self, weights: &Weights) -> World {
+        let velocity: VelocityReading = self.parse("velocity");
+        let rules = env::rules(self.settings["task"].as_str().unwrap(), velocity).unwrap();
+        let known: Vec<usize> = self.parse("known");
+        assert_eq!(rules.known(), known);
+        let shape = DynamicsShape {
+            obs_size: self.n("observation_size"),
+            action_size: self.n("action_size"),
+            known: &known,
+            learns_reward: self.settings["reward"] == "learned",
         };
-        let settings = Td3Settings {
+        let model = ModelSettings {
+            hidden: self.parse("model_hidden"),
+            learning_rate: self.f("model_lr"),
+            predict: self.parse("predict"),
+        };
+        let device = Backend::Flex.device();
+        let model = DynamicsModel::load(&model, shape, weights, &device).unwrap();
+        World::new(model, rules)
+    }
+
+    fn augmentation(&self, weights: &Weights) -> Augmentation {
+        if self.n("horizon") > 0 {
+            return Augmentation::Expansion {
+                world: self.world(weights),
+                horizon: self.n("horizon"),
+            };
+        }
+        if !self.b("imagination") {
+            return Augmentation::None;
+        }
+        let comparison = if self.b("strict") {
+            "greater"
+        } else {
+            "greater_equal"
+        };
+        let settings = ImaginationSettings {
+            optimism: false,
+            noise_decay: self.b("noise_decay"),
+            target_filter: self.b("target_filter"),
+            uncertainty_filter: self.b("uncertainty_filter"),
+            noise_deviation: self.f("noise_deviation"),
+            noise_relative: self.b("noise_relative"),
+            noise_bound: 1.0,
+            bias_factor: 0.0,
+            decay_rate: self.f("rho"),
+            target_comparison: serde_json::from_value(comparison.into()).unwrap(),
+            uncertainty_scale: self.parse("uncertainty_scale"),
+            imaginary_loss_mean: self.parse("imaginary_loss_mean"),
+        };
+        let imagination = Imagination::new(&settings, self.f("a_max"), self.world(weights))
+            .with_progress(self.f("eta"), self.f("running_max") as f32);
+        Augmentation::Imagination(imagination)
+    }
+
+    fn agent(&self) -> Agent {
+        let weights = self.weights();
+        let settings = AgentSettings {
+            base: self.base(),
             networks: NetworkSettings {
                 hidden: self.parse("hidden"),
                 actor_learning_rate: self.f("actor_lr"),
                 critic_learning_rate: self.f("critic_lr"),
             },
-            coupling,
+            coupling: Coupling {
+                beta: self.f("beta"),
+                limit: self.f("a_max"),
+            },
             discount: self.f("gamma"),
             tau: self.f("tau"),
             policy_delay: self.n("policy_delay") as u64,
@@ -113,80 +187,88 @@ impl Case {
                 deviation: 0.2,
                 clip: 0.5,
             },
+            temperature: TemperatureSettings {
+                initial: self.f("initial_temperature"),
+                learning_rate: self.f("temperature_lr"),
+            },
         };
-        let imagination = self.b("imagination").then(|| {
-            let velocity: VelocityReading = self.parse("velocity");
-            let rules = env::rules(self.settings["task"].as_str().unwrap(), velocity).unwrap();
-            let known: Vec<usize> = self.parse("known");
-            assert_eq!(rules.known(), known);
-            let shape = DynamicsShape {
-                obs_size: self.n("observation_size"),
-                action_size: self.n("action_size"),
-                known: &known,
-            };
-            let model = ModelSettings {
-                hidden: self.parse("model_hidden"),
-                learning_rate: self.f("model_lr"),
-                predict: self.parse("predict"),
-            };
-            let model = DynamicsModel::load(&model, shape, &weights, &device).unwrap();
-            let comparison = if self.b("strict") {
-                "greater"
-            } else {
-                "greater_equal"
-            };
-            let settings = ImaginationSettings {
-                optimism: false,
-                noise_decay: self.b("noise_decay"),
-                target_filter: self.b("target_filter"),
-                uncertainty_filter: self.b("uncertainty_filter"),
-                bias_factor: 0.0,
-                decay_rate: self.f("rho"),
-                target_comparison: serde_json::from_value(comparison.into()).unwrap(),
-                uncertainty_scale: self.parse("uncertainty_scale"),
-                imaginary_loss_mean: self.parse("imaginary_loss_mean"),
-            };
-            Imagination::new(&settings, coupling.limit, model, rules)
-                .with_progress(self.f("eta"), self.f("running_max") as f32)
-        });
-        let (obs_size, action_size) = (self.n("observation_size"), self.n("action_size"));
-        Td3::load(
+        Agent::load(
             settings,
-            obs_size,
-            action_size,
-            imagination,
+            self.n("observation_size"),
+            self.n("action_size"),
+            self.augmentation(&weights),
             &weights,
-            &device,
+            &Backend::Flex.device(),
         )
         .unwrap()
     }
 
-    fn sample(&self, step: usize) -> Sample {
-        let input = |name: &str| self.single(&format!("in.{step}.{name}"));
-        let batch = Batch {
-            rows: self.n("batch_size"),
-            obs: input("batch.obs"),
-            action: input("batch.action"),
-            reward: input("batch.reward"),
-            next_obs: input("batch.next_obs"),
-            terminated: input("batch.terminated"),
-            previous_action: input("batch.prev_action"),
+    /// The batch of the given name in step `step`; its rewards and ends may be missing.
+    fn batch(&self, step: usize, name: &str) -> Batch {
+        let (rows, sa) = (self.n("batch_size"), self.n("action_size"));
+        let input = |field: &str| self.single(&format!("in.{step}.{name}.{field}"));
+        let or_zeros = |field: &str, length: usize| {
+            if self.has(&format!("in.{step}.{name}.{field}")) {
+                input(field)
+            } else {
+                vec![0.0; length]
+            }
         };
-        let imagination = self.b("imagination").then(|| ImaginationDraws {
-            model_batch: Batch {
-                obs: input("model_batch.obs"),
-                action: input("model_batch.action"),
-                next_obs: input("model_batch.next_obs"),
-                ..batch.clone()
-            },
-            action: input("noise.imaginary"),
-            smoothing: input("noise.smoothing_imaginary"),
-            keep: input("noise.keep"),
-        });
+        Batch {
+            rows,
+            obs: input("obs"),
+            action: input("action"),
+            reward: or_zeros("reward", rows),
+            next_obs: input("next_obs"),
+            terminated: or_zeros("terminated", rows),
+            previous_action: or_zeros("prev_action", rows * sa),
+        }
+    }
+
+    /// Noise of step `step`; nothing where the method has none of that name.
+    fn noise(&self, step: usize, name: &str) -> Vec<f32> {
+        let name = format!("in.{step}.noise.{name}");
+        if self.has(&name) {
+            self.single(&name)
+        } else {
+            Vec::new()
+        }
+    }
+
+    fn has(&self, name: &str) -> bool {
+        let tensors = SafeTensors::deserialize(&self.bytes).unwrap();
+        tensors.tensor(name).is_ok()
+    }
+
+    /// The sample of a critic update that comes before the step's own, if there is one.
+    fn extra_sample(&self, step: usize) -> Option<Sample> {
+        (self.n("critic_updates") > 1).then(|| Sample {
+            batch: self.batch(step, "extra_batch"),
+            smoothing: self.noise(step, "smoothing_extra"),
+            policy: Vec::new(),
+            model: None,
+        })
+    }
+
+    fn sample(&self, step: usize) -> Sample {
+        let batch = self.batch(step, "batch");
+        // DDPG smooths nothing; the noise it is given must not matter.
+        let mut smoothing = self.noise(step, "smoothing");
+        if smoothing.is_empty() {
+            smoothing = vec![1.0; batch.action.len()];
+        }
         Sample {
+            smoothing,
+            policy: self.noise(step, "policy"),
+            model: self.has_model().then(|| ModelDraws {
+                batch: self.batch(step, "model_batch"),
+                imagination: self.b("imagination").then(|| ImaginationDraws {
+                    action: self.noise(step, "imaginary"),
+                    smoothing: self.noise(step, "smoothing_imaginary"),
+                    keep: self.noise(step, "keep"),
+                }),
+            }),
             batch,
-            smoothing: input("noise.smoothing"),
-            imagination,
         }
     }
 }
@@ -222,54 +304,49 @@ fn reproduces(name: &str) {
     for step in 0..case.n("steps") {
         let out = |name: &str| case.array(&format!("out.{step}.{name}"));
         let label = |what: &str| format!("{name}, step {step}, {what}");
+        if let Some(sample) = case.extra_sample(step) {
+            let targets = agent.prepare(&sample, &scaling);
+            agree(&label("first y"), &targets.y, &out("extra_y"));
+            let figures = agent.learn_critics(&sample, &targets);
+            for (i, loss) in figures.critic_losses.iter().enumerate() {
+                let expected = out(&format!("extra_critic{}_loss", i + 1));
+                agree(&label("first loss of a critic"), &[*loss], &expected);
+            }
+        }
         let sample = case.sample(step);
         let targets = agent.prepare(&sample, &scaling);
         agree(&label("y"), &targets.y, &out("y"));
-        if let Some(imaginary) = &targets.imaginary {
-            agree(&label("eta"), &[imaginary.noise_bound as f32], &out("eta"));
-            agree(
-                &label("model loss"),
-                &[targets.model_loss.unwrap()],
-                &out("model_loss"),
-            );
-            agree(&label("a_hat"), &imaginary.action, &out("a_hat"));
-            agree(&label("y_hat"), &imaginary.y_hat, &out("y_hat"));
-            agree(&label("delta"), &imaginary.disagreement, &out("delta"));
-            let kept: Vec<usize> = out("keep_mask")
-                .iter()
-                .enumerate()
-                .filter(|(_, m)| **m == 1.0)
-                .map(|(i, _)| i)
-                .collect();
-            assert_eq!(imaginary.kept.rows, kept, "{}", label("kept rows"));
-            assert_eq!(
-                imaginary.kept.by_target as f64,
-                out("target_mask").iter().sum::<f64>()
-            );
-            assert_eq!(
-                imaginary.kept.by_uncertainty as f64,
-                out("uncertainty_mask").iter().sum::<f64>()
-            );
+        if let Some(loss) = targets.model_loss {
+            agree(&label("model loss"), &[loss], &out("model_loss"));
         }
-        let figures = agent.learn(&sample.batch, &targets);
-        agree(
-            &label("loss of critic 1"),
-            &figures.critic_losses[..1],
-            &out("critic1_loss"),
-        );
-        agree(
-            &label("loss of critic 2"),
-            &figures.critic_losses[1..],
-            &out("critic2_loss"),
-        );
-        assert_eq!(figures.actor_loss.is_some(), step == 1);
+        compare_imaginary(&targets, &out, &label);
+        compare_expanded(&targets, &out, &label);
+        let figures = agent.learn(&sample, &targets);
+        assert_eq!(figures.critic_losses.len(), case.base().critics());
+        for (i, loss) in figures.critic_losses.iter().enumerate() {
+            let expected = out(&format!("critic{}_loss", i + 1));
+            agree(&label("loss of a critic"), &[*loss], &expected);
+        }
+        let due = (step + 1).is_multiple_of(case.n("policy_delay"));
+        assert_eq!(figures.actor_loss.is_some(), due);
         if let Some(loss) = figures.actor_loss {
             agree(&label("actor loss"), &[loss], &out("actor_loss"));
+        }
+        assert_eq!(figures.entropy.is_some(), case.base() == BaseAlgorithm::Sac);
+        if let Some(entropy) = figures.entropy {
+            agree(&label("log pi"), &[entropy.log_density], &out("log_pi"));
+            let loss = [entropy.temperature_loss];
+            agree(&label("temperature loss"), &loss, &out("temperature_loss"));
+            let weights = agent.weights();
+            let log_temperature = weights.get("log_temperature", &[1]).unwrap();
+            agree(&label("log alpha"), &log_temperature, &out("log_alpha"));
         }
     }
     let weights = agent.weights();
     let last = case.n("steps") - 1;
-    for network in weights.names() {
+    let networks: Vec<_> = weights.names().filter(|n| n.contains(".l")).collect();
+    assert!(networks.len() >= 24, "{networks:?}");
+    for network in networks {
         let expected = case.array(&format!("out.{last}.{network}"));
         let shape = SafeTensors::deserialize(&case.bytes)
             .unwrap()
@@ -283,6 +360,51 @@ fn reproduces(name: &str) {
             &expected,
         );
     }
+}
+
+fn compare_imaginary(
+    targets: &Targets,
+    out: &impl Fn(&str) -> Vec<f64>,
+    label: &impl Fn(&str) -> String,
+) {
+    let Some(imaginary) = &targets.imaginary else {
+        return;
+    };
+    agree(&label("eta"), &[imaginary.noise_bound as f32], &out("eta"));
+    agree(&label("a_hat"), &imaginary.action, &out("a_hat"));
+    agree(&label("y_hat"), &imaginary.y_hat, &out("y_hat"));
+    agree(&label("delta"), &imaginary.disagreement, &out("delta"));
+    let mask = out("keep_mask");
+    let kept: Vec<usize> = (0..mask.len()).filter(|&i| mask[i] == 1.0).collect();
+    assert_eq!(imaginary.kept.rows, kept, "{}", label("kept rows"));
+    let passed = |name: &str| out(name).iter().sum::<f64>();
+    assert_eq!(imaginary.kept.by_target as f64, passed("target_mask"));
+    assert_eq!(
+        imaginary.kept.by_uncertainty as f64,
+        passed("uncertainty_mask")
+    );
+}
+
+fn compare_expanded(
+    targets: &Targets,
+    out: &impl Fn(&str) -> Vec<f64>,
+    label: &impl Fn(&str) -> String,
+) {
+    let Some(expanded) = &targets.expanded else {
+        return;
+    };
+    let joined = |part: fn(&mamf::agent::Position) -> &Vec<f32>| -> Vec<f32> {
+        expanded.positions.iter().flat_map(part).copied().collect()
+    };
+    let actions = joined(|position| &position.action);
+    agree(&label("actions"), &actions, &out("a_positions"));
+    let y = joined(|position| &position.y);
+    agree(&label("y at all positions"), &y, &out("y_positions"));
+    let alive: Vec<f64> = joined(|position| &position.alive)
+        .into_iter()
+        .map(f64::from)
+        .collect();
+    assert_eq!(alive, out("mask"), "{}", label("mask"));
 }
 
 macro_rules! cases {
@@ -316,4 +438,17 @@ cases! {
     mamf_pendulum
     mamf_pendulum_uncoupled
     mamf_nothing_kept
+    mamf_learned_reward
+    mamf_sac
+    ma_td3
+    ma_td3_pendulum
+    mve
+    mve_pendulum
+    mve_reacher_h1
+    ddpg
+    ddpg_uncoupled
+    sac
+    sac_uncoupled
+    sac_pendulum
+    td3_critic2
 }
