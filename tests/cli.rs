@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const EVAL_HEADER: &str =
     "step,episodes,return_mean,return_std,return_min,return_max,length_mean,success_rate";
 const TRAIN_HEADER: &str = "step,episodes,return_mean,length_mean,diverged,updates,critic_loss,\
-    actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept";
+    actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept,temperature,entropy";
 const TIMING_HEADER: &str =
     "step,seconds,steps_per_second,environment_seconds,update_seconds,evaluation_seconds";
 
@@ -393,6 +393,16 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
             "demonstrations.path=3",
             &["`demonstrations.path`", "a string"],
         ),
+        ("critic_updates=0", &["`critic_updates`", "at least 1"]),
+        ("expansion.horizon=0", &["`expansion.horizon`"]),
+        (
+            "temperature.initial=0.2",
+            &["`temperature.initial`", "`mamf`"],
+        ),
+        (
+            "rules.reward=guess",
+            &["`rules.reward`", "`known`", "`learned`"],
+        ),
         ("imagination", &["--set imagination", "KEY=VALUE"]),
     ] {
         // The message names the option the value came from, not the file.
@@ -400,6 +410,95 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
         let parts = [parts, &[&origin]].concat();
         place.refuse(2, &small_run("hopper", "out", &[setting]), &parts);
     }
+}
+
+#[test]
+fn settings_that_mean_nothing_to_the_method_are_refused() {
+    let place = Place::new();
+    for (method, setting, reason) in [
+        ("td3", "imagination.target_filter=true", "imagines no other"),
+        ("sac", "imagination.uncertainty_filter=true", "imagines no"),
+        ("mve-td3", "imagination.optimism=true", "imagines no"),
+        ("td3", "temperature.initial=0.2", "has no temperature"),
+        ("mamf", "expansion.horizon=5", "expands no values"),
+        ("sac", "exploration_noise=0.2", "policy's own noise"),
+        ("ddpg", "target_smoothing.clip=0.3", "does not smooth"),
+    ] {
+        let key = setting.split('=').next().unwrap();
+        let origin = format!("--set {setting}");
+        let arguments = small_run("hopper", "out", &[&format!("method={method}"), setting]);
+        let parts = [key, &origin, &format!("`{method}`"), reason];
+        place.refuse(2, &arguments, &parts);
+        // A file that names its method is held to it as well.
+        let (section, rest) = key.split_once('.').unwrap_or(("", key));
+        let value = setting.split('=').nth(1).unwrap();
+        let table = if section.is_empty() {
+            format!("{rest} = {value}\n")
+        } else {
+            format!("[{section}]\n{rest} = {value}\n")
+        };
+        let text = format!("task = \"Hopper-v4\"\nmethod = \"{method}\"\n{table}");
+        place.write("own.toml", text);
+        let arguments = ["train", "--config", "own.toml", "--out", "out"];
+        place.refuse(2, &arguments, &["own.toml", key, reason]);
+    }
+    place.refuse(
+        2,
+        &small_run("hopper", "out", &["method=mve-td3", "expansion.horizon=0"]),
+        &["`expansion.horizon`", "at least 1"],
+    );
+    // What a file says for its own method may stay when an option picks another one.
+    place.train("half_cheetah", "td3", &["method=td3"]);
+    let text = place.read("td3/config.toml");
+    assert!(text.contains("target_filter = false"), "{text}");
+    // The resolved configuration is accepted as it stands.
+    let arguments = ["train", "--config", "td3/config.toml", "--out", "again"];
+    place.succeed(&arguments);
+    assert_eq!(curves(&place, "td3"), curves(&place, "again"));
+}
+
+#[test]
+fn every_method_trains_evaluates_and_repeats_itself() {
+    let mut all: Vec<[String; 2]> = Vec::new();
+    for method in [
+        "mamf",
+        "mamf-sac",
+        "td3",
+        "td3-critic2",
+        "mve-td3",
+        "ma-td3",
+        "ddpg",
+        "sac",
+    ] {
+        let place = Place::new();
+        let setting = format!("method={method}");
+        let run = |out: &str, threads: &str| {
+            let mut arguments = small_run("hopper", out, &[&setting]);
+            arguments.extend(["--threads".into(), threads.into()]);
+            place.succeed(&arguments);
+            curves(&place, out)
+        };
+        let once = run("a", "1");
+        assert_eq!(once, run("b", "2"), "{method}");
+        assert!(!all.contains(&once), "{method} is another one's double");
+        all.push(once);
+        let printed = place.succeed(&["eval", "--checkpoint", "a", "--episodes", "1"]);
+        assert!(
+            printed.contains(&format!("Hopper-v4, {method} after 400")),
+            "{printed}"
+        );
+        // Entropy and temperature of SAC, and of it alone.
+        let text = place.read("a/train.csv");
+        let last = text.lines().last().unwrap();
+        let told = last.split(',').rev().take(2).all(|cell| !cell.is_empty());
+        assert_eq!(told, method.contains("sac"), "{last}");
+    }
+    let learned = curves_of("hopper", 2, 0, &["rules.reward=learned"]);
+    assert!(!all.contains(&learned));
+    assert_eq!(
+        learned,
+        curves_of("hopper", 1, 0, &["rules.reward=learned"])
+    );
 }
 
 #[test]

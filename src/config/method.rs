@@ -92,13 +92,15 @@ impl Method {
     }
 
     /// Why the setting `key` means nothing to the method, if it does not.
+    ///
+    /// Settings of the dynamics model (`model`, `model_start`, `rules`) are not among them: runs with and
+    /// without one are started with the same options, to be compared.
     pub fn ignores(self, key: &str) -> Option<&'static str> {
         let section = key.split('.').next().unwrap_or(key);
         let (base, addition) = (self.base(), self.addition());
         match section {
             "imagination" if addition != Addition::Imagination => Some("imagines no other actions"),
             "expansion" if addition != Addition::Expansion => Some("expands no values"),
-            "model" | "model_start" | "rules" if !self.learns_model() => Some("has no model"),
             "temperature" if base != BaseAlgorithm::Sac => Some("has no temperature"),
             "target_smoothing" if base != BaseAlgorithm::Td3 => {
                 Some("does not smooth the target policy")
