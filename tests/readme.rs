@@ -38,6 +38,15 @@ fn every_key_is_listed_with_its_default() {
 }
 
 #[test]
+fn every_method_is_listed() {
+    let rows = rows();
+    for method in Method::ALL {
+        let found = rows.iter().any(|row| row[0] == method.name());
+        assert!(found, "{} is not in the README", method.name());
+    }
+}
+
+#[test]
 fn every_task_is_listed_with_its_sizes() {
     let rows = rows();
     for id in env::ids() {
