@@ -781,6 +781,63 @@ fn a_loss_that_is_not_finite_stops_the_run_and_leaves_the_last_good_checkpoint()
 }
 
 // ---------------------------------------------------------------------------------------------
+// Doubled actions
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn doubled_actions_wrap_any_task() {
+    let place = Place::new();
+    let doubled = "task.doubled_actions.period=50";
+    let once = curves_of("reacher", 1, 0, &[doubled]);
+    assert_eq!(once, curves_of("reacher", 2, 0, &[doubled]));
+    assert_ne!(once, curves_of("reacher", 2, 0, &[]));
+    assert_ne!(
+        once,
+        curves_of("reacher", 2, 0, &["task.doubled_actions.period=49"])
+    );
+    place.train("reacher", "run", &[doubled]);
+    assert!(
+        place
+            .read("run/config.toml")
+            .contains("[doubled_actions]\nperiod = 50")
+    );
+    let printed = place.succeed(&["eval", "--checkpoint", "run", "--episodes", "1"]);
+    assert!(printed.contains("Reacher-v4"), "{printed}");
+    // The same as a table; the run goes to a directory of its own.
+    let table = "method = \"td3\"\n[task]\nid = \"Reacher-v4\"\n\
+                 doubled_actions = { period = 50 }\n";
+    place.write("table.toml", table);
+    let mut arguments: Vec<String> = ["train", "--config", "table.toml"].map(Into::into).into();
+    for setting in common::SMALL {
+        arguments.extend(["--set".into(), setting.into()]);
+    }
+    place.succeed(&arguments);
+    assert!(
+        place
+            .path("runs/Reacher-v4-doubled-50/td3/seed-0/eval.csv")
+            .exists()
+    );
+
+    let refuse = |setting: &str, parts: &[&str]| {
+        place.refuse(2, &small_run("reacher", "out", &[setting]), parts);
+    };
+    refuse(
+        "task.doubled_actions.period=0",
+        &["doubled_actions", "at least 1"],
+    );
+    refuse(
+        "task.doubled_actions.period=no",
+        &["doubled_actions", "whole number"],
+    );
+    refuse(
+        "task.doubled_action.period=5",
+        &["doubled_action", "`doubled_actions.period`"],
+    );
+    let arguments = ["demo", "record", "--checkpoint", "run", "--out", "demos"];
+    place.refuse(2, &arguments, &["run", "doubled"]);
+}
+
+// ---------------------------------------------------------------------------------------------
 // Hand tasks and demonstrations
 // ---------------------------------------------------------------------------------------------
 

@@ -98,8 +98,15 @@ impl Watch for Camera {
 fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let checkpoint = Checkpoint::load(&args.checkpoint)?;
     let config = &checkpoint.config;
+    if config.doubled_actions.is_some() {
+        let path = args.checkpoint.display();
+        let text = format!(
+            "--checkpoint {path}: its actions are doubled; recordings hold those of the task itself"
+        );
+        return Err(Misuse(text).into());
+    }
     // The stream of `mamf eval`, so that both run the same episodes.
-    let mut evaluator = Evaluator::new(&config.task, stream(args.seed, "eval"))?;
+    let mut evaluator = Evaluator::new(config, stream(args.seed, "eval"))?;
     let policy = checkpoint.policy(evaluator.spec())?;
     let episodes = args.episodes as usize;
     make_room(&args.out, episodes)?;

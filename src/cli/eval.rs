@@ -42,8 +42,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         env::info(task)?;
         checkpoint.require_task(task)?;
     }
-    let task = &checkpoint.config.task;
-    let mut evaluator = Evaluator::new(task, stream(args.seed, "eval"))?;
+    let mut evaluator = Evaluator::new(&checkpoint.config, stream(args.seed, "eval"))?;
     let policy = checkpoint.policy(evaluator.spec())?;
     let csv = args.csv.as_deref().map(create).transpose()?;
 

@@ -202,6 +202,12 @@ impl Given {
     }
 
     fn add(&mut self, source: &Source, key: String, value: Value) {
+        // `task` is an id, or a table that holds it beside what is done to the task.
+        let key = match key.as_str() {
+            "task.id" => "task".to_owned(),
+            wrapper if wrapper.starts_with("task.") => wrapper["task.".len()..].to_owned(),
+            _ => key,
+        };
         self.0.insert(key, (source.clone(), value));
     }
 
@@ -218,7 +224,9 @@ impl Given {
             }
         };
         let preset = Table::try_from(Config::preset(method)).expect("a preset is a TOML table");
-        let defaults = flattened(&preset);
+        let mut defaults = flattened(&preset);
+        // Wrappers of the task are there only where they are asked for; this tells their types.
+        defaults.insert("doubled_actions.period".into(), Value::Integer(200));
 
         let by_option = matches!(self.0.get("method"), Some((Source::Option(_), _)));
         let mut merged = preset;
@@ -398,7 +406,8 @@ fn insert(table: &mut Table, key: &str, value: Value) {
             table.insert(key.to_owned(), value);
         }
         Some((section, rest)) => {
-            if let Some(Value::Table(inner)) = table.get_mut(section) {
+            let section = table.entry(section).or_insert_with(|| Table::new().into());
+            if let Value::Table(inner) = section {
                 insert(inner, rest, value);
             }
         }

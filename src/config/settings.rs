@@ -2,7 +2,7 @@
 
 use super::{Addition, Method};
 use crate::agent::{AgentSettings, BaseAlgorithm, SmoothingSettings, TemperatureSettings};
-use crate::env::{Spec, VelocityReading};
+use crate::env::{self, MakeError, Spec, VelocityReading};
 use crate::imagination::{
     ExpansionSettings, ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict,
     RewardSource, TargetComparison, UncertaintyScale,
@@ -10,6 +10,7 @@ use crate::imagination::{
 use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
 use crate::replay::DemonstrationSettings;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A whole, resolved configuration. Defaults are the paper's figures (appendix B) where the paper
 /// states one.
@@ -18,6 +19,9 @@ use serde::{Deserialize, Serialize};
 pub struct Config {
     /// Id of the task, for example `HalfCheetah-v4` (`mamf envs` lists them).
     pub task: String,
+    /// Doubled actions, if the task is to have them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub doubled_actions: Option<DoubledActions>,
     /// Method: its preset is what the other keys override.
     pub method: Method,
     /// Seed of every random stream.
@@ -71,6 +75,14 @@ pub struct Config {
     pub compute: Compute,
 }
 
+/// Actions that are pairs of the task's, of which one half acts at a time (paper, figure 3 c).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DoubledActions {
+    /// Steps after which the halves change places.
+    pub period: usize,
+}
+
 /// The replay buffer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -118,6 +130,33 @@ pub struct Compute {
 }
 
 impl Config {
+    /// The task, wrapped as configured.
+    ///
+    /// # Errors
+    /// When there is no such task or MuJoCo can't run it.
+    pub fn env(&self) -> Result<Box<dyn env::Replay>, MakeError> {
+        let task = env::make_replay(&self.task)?;
+        Ok(match &self.doubled_actions {
+            None => task,
+            Some(DoubledActions { period }) => env::doubled(task, *period),
+        })
+    }
+
+    /// What the designer knows of the task, wrapped as configured.
+    ///
+    /// # Errors
+    /// When there is no such task or MuJoCo can't load its model.
+    pub fn task_rules(&self) -> Result<Arc<dyn env::Rules>, MakeError> {
+        let rules = env::rules(&self.task, self.rules.velocity)?;
+        Ok(match &self.doubled_actions {
+            None => rules,
+            Some(DoubledActions { period }) => {
+                let (plain, _) = env::make(&self.task)?;
+                env::doubled_rules(rules, plain.spec(), *period)
+            }
+        })
+    }
+
     /// The coupling of actions as `spec` limits them.
     pub fn coupling(&self, spec: &Spec) -> Coupling {
         Coupling {
@@ -148,6 +187,7 @@ impl Config {
         let is_mamf = imagines && method != Method::MaTd3;
         Config {
             task: String::new(),
+            doubled_actions: None,
             method,
             seed: 0,
             steps: 3_000_000,

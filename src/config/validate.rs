@@ -108,6 +108,14 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         return violation("compute.threads", format!("from 1 to {MOST_THREADS}"));
     }
 
+    if let Some(doubled) = &c.doubled_actions {
+        positive("doubled_actions.period", doubled.period as u64)?;
+        if !c.demonstrations.path.is_empty() {
+            let expected = "empty, for recorded actions are not doubled (doubled_actions)";
+            return violation("demonstrations.path", expected.into());
+        }
+    }
+
     let phase_1 = c.random_steps;
     if c.batch_size as u64 > phase_1 {
         return violation(

@@ -3,6 +3,7 @@
 //! A task with a goal has it at the end of its observation, where rules and policies find it.
 //! Nothing here learns and nothing here sees a tensor: observations and actions are plain slices.
 
+mod doubled;
 mod hands;
 mod locomotion;
 mod noise;
@@ -17,6 +18,7 @@ use std::sync::Arc;
 use mujoco_rs::Model;
 use serde::{Deserialize, Serialize};
 
+pub use doubled::{doubled, doubled_rules};
 pub use hands::PenInertia;
 pub use registry::{
     Made, MakeError, UnknownTask, ids, info, make, make_replay, make_watched, make_with, model,

@@ -1,7 +1,8 @@
 //! Episodes of the deterministic policy, in environments of their own.
 
 use crate::agent::Policy;
-use crate::env::{self, MakeError, Replay, Spec, Step};
+use crate::config::Config;
+use crate::env::{MakeError, Replay, Spec, Step};
 use crate::parallel::join;
 use crate::random::Stream;
 use rand::SeedableRng;
@@ -107,14 +108,13 @@ pub struct Evaluator {
 }
 
 impl Evaluator {
-    /// An evaluator of policies for `task`; `rng` seeds the episodes.
+    /// An evaluator of policies for the task of `config`; `rng` seeds the episodes.
     ///
     /// # Errors
     /// When there is no such task or MuJoCo can't run it.
-    pub fn new(task: &str, rng: Stream) -> Result<Evaluator, MakeError> {
-        let env = || env::make_replay(task);
+    pub fn new(config: &Config, rng: Stream) -> Result<Evaluator, MakeError> {
         Ok(Evaluator {
-            envs: [env()?, env()?],
+            envs: [config.env()?, config.env()?],
             rng,
         })
     }

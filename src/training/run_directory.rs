@@ -34,7 +34,11 @@ impl RunDirectory {
     /// Where a run of `config` goes unless told otherwise: `runs/<task>/<method>/seed-<n>`.
     pub fn default_path(config: &Config) -> PathBuf {
         let seed = format!("seed-{}", config.seed);
-        ["runs", &config.task, config.method.name(), &seed]
+        let task = match &config.doubled_actions {
+            None => config.task.clone(),
+            Some(doubled) => format!("{}-doubled-{}", config.task, doubled.period),
+        };
+        ["runs", &task, config.method.name(), &seed]
             .iter()
             .collect()
     }

@@ -96,7 +96,7 @@ impl Trainer {
         demonstrations: Option<Demonstrations>,
         directory: RunDirectory,
     ) -> Result<Trainer, TrainError> {
-        let (env, rules) = env::make_with(&config.task, config.rules.velocity)?;
+        let (env, rules) = (config.env()?, config.task_rules()?);
         let spec = env.spec().clone();
         let seeded = |name| stream(config.seed, name);
         let device = config.compute.backend.device();
@@ -131,7 +131,7 @@ impl Trainer {
             experience: Experience::new(Runner::new(env, seeded("env")), side),
             demonstrations: found,
             agent,
-            evaluator: Evaluator::new(&config.task, seeded("eval-env"))?,
+            evaluator: Evaluator::new(&config, seeded("eval-env"))?,
             replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
             moments: RunningMoments::new(spec.obs_size),
             scaling: ObservationScaling::identity(spec.obs_size),
@@ -489,7 +489,7 @@ pub fn demonstrations(config: &Config) -> Result<Option<Demonstrations>, TrainEr
     if path.is_empty() {
         return Ok(None);
     }
-    let (env, _) = env::make(&config.task)?;
+    let env = config.env()?;
     let spec = env.spec();
     let sizes = Sizes {
         task: &spec.id,
@@ -506,7 +506,7 @@ fn side(config: &Config, demonstrations: Demonstrations) -> Result<Side, TrainEr
     let seeded = |name| stream(config.seed, name);
     let settings = &config.demonstrations;
     Ok(Side::new(
-        Runner::new(env::make(&config.task)?.0, seeded("segment-env")),
+        Runner::new(config.env()?, seeded("segment-env")),
         demonstrations,
         Segments::new(settings),
         settings.segment_steps,
