@@ -12,7 +12,9 @@ use std::time::{Duration, Instant};
 const EVAL_HEADER: &str =
     "step,episodes,return_mean,return_std,return_min,return_max,length_mean,success_rate";
 const TRAIN_HEADER: &str = "step,episodes,return_mean,length_mean,diverged,updates,critic_loss,\
-    actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept,temperature,entropy";
+    actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept,temperature,entropy,\
+    q_bias,kept_state_error,kept_reward_error,kept_target_error,dropped_state_error,\
+    dropped_reward_error,dropped_target_error";
 const TIMING_HEADER: &str =
     "step,seconds,steps_per_second,environment_seconds,update_seconds,evaluation_seconds";
 
@@ -487,12 +489,30 @@ fn every_method_trains_evaluates_and_repeats_itself() {
             printed.contains(&format!("Hopper-v4, {method} after 400")),
             "{printed}"
         );
-        // Entropy and temperature of SAC, and of it alone.
+        // Entropy and temperature of SAC, and of it alone; errors of imagined steps where other
+        // actions are imagined; the critics' bias always.
         let text = place.read("a/train.csv");
-        let last = text.lines().last().unwrap();
-        let told = last.split(',').rev().take(2).all(|cell| !cell.is_empty());
-        assert_eq!(told, method.contains("sac"), "{last}");
+        let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        let last: Vec<&str> = text.lines().last().unwrap().split(',').collect();
+        let told = |name: &str| {
+            let column = header.iter().position(|h| *h == name).unwrap();
+            !last[column].is_empty()
+        };
+        assert_eq!(told("entropy"), method.contains("sac"), "{last:?}");
+        assert_eq!(told("temperature"), method.contains("sac"), "{last:?}");
+        assert!(told("q_bias"), "{last:?}");
+        let imagines = method.starts_with("ma");
+        for name in [
+            "dropped_state_error",
+            "dropped_reward_error",
+            "dropped_target_error",
+        ] {
+            assert_eq!(told(name), imagines, "{method} {name}: {last:?}");
+        }
     }
+    // Measuring imagined steps changes nothing else.
+    let unmeasured = curves_of("hopper", 2, 0, &["telemetry.states=0"]);
+    assert_eq!(unmeasured[1], all[0][1]);
     let learned = curves_of("hopper", 2, 0, &["rules.reward=learned"]);
     assert!(!all.contains(&learned));
     assert_eq!(

@@ -1,8 +1,8 @@
 //! Imaginary transitions of the same states by other actions (paper, equations 7 to 10).
 
-use super::critics::CriticRows;
-use super::{Agent, ImaginationFigures, Sample};
-use crate::imagination::{Imagination, Kept};
+use super::critics::{CriticRows, Values};
+use super::{Agent, ImaginationDraws, ImaginationFigures, Sample};
+use crate::imagination::{Imagination, Imagined, Kept};
 use crate::nn::{ObservationScaling, rows_of};
 use crate::parallel::halves;
 use crate::replay::Batch;
@@ -38,29 +38,16 @@ impl Agent {
         scaling: &ObservationScaling,
     ) -> ImaginaryTargets {
         let batch = &sample.batch;
-        let draws = sample.model.as_ref().and_then(|m| m.imagination.as_ref());
-        let draws = draws.expect("an agent that imagines is given draws");
         let noise_bound = imagination.noise_bound();
-        let (so, sa) = (self.obs_size, self.action_size);
-        let coupling = self.settings.coupling;
-
-        let half = |range: Range<usize>| {
-            let rows = |data, width| rows_of(data, width, &range);
-            let mut action = rows(policy, sa).to_vec();
-            imagination.add_noise(&mut action, rows(&draws.action, sa));
-            coupling.execute_in_place(&mut action, rows(&batch.previous_action, sa));
-            let world = &imagination.world;
-            let imagined = world.imagine(rows(&batch.obs, so), rows(obs, so), &action, scaling);
-            let values = self.bootstrap(&imagined.next_obs, &action, rows(&draws.smoothing, sa));
-            let y_hat = self.backup(&imagined.reward, &imagined.terminated, &values.value);
-            (action, y_hat, values.disagreement)
-        };
+        let seen = &*imagination;
+        let half = |range| self.imagine_rows(seen, sample, obs, policy, range, scaling);
         let [first, second] = halves(batch.rows, half);
-        let action = [first.0, second.0].concat();
-        let y_hat = [first.1, second.1].concat();
-        let disagreement = [first.2, second.2].concat();
+        let action = [first.action, second.action].concat();
+        let y_hat = [first.y_hat, second.y_hat].concat();
+        let disagreement = [first.values.disagreement, second.values.disagreement].concat();
         imagination.decay_noise();
-        let kept = imagination.filter(&y_hat, y, &disagreement, &draws.keep);
+        let uniform = &draws(sample).keep;
+        let kept = imagination.filter(&y_hat, y, &disagreement, uniform);
         ImaginaryTargets {
             row_weight: imagination.row_weight(kept.rows.len(), batch.rows),
             action,
@@ -70,6 +57,48 @@ impl Agent {
             noise_bound,
         }
     }
+
+    /// Imaginary actions of the rows `range` and where they lead.
+    pub(super) fn imagine_rows(
+        &self,
+        imagination: &Imagination,
+        sample: &Sample,
+        obs: &[f32],
+        policy: &[f32],
+        range: Range<usize>,
+        scaling: &ObservationScaling,
+    ) -> ImaginedRows {
+        let (batch, draws) = (&sample.batch, draws(sample));
+        let (so, sa) = (self.obs_size, self.action_size);
+        let rows = |data, width| rows_of(data, width, &range);
+        let mut action = rows(policy, sa).to_vec();
+        imagination.add_noise(&mut action, rows(&draws.action, sa));
+        let coupling = self.settings.coupling;
+        coupling.execute_in_place(&mut action, rows(&batch.previous_action, sa));
+        let world = &imagination.world;
+        let imagined = world.imagine(rows(&batch.obs, so), rows(obs, so), &action, scaling);
+        let values = self.bootstrap(&imagined.next_obs, &action, rows(&draws.smoothing, sa));
+        let y_hat = self.backup(&imagined.reward, &imagined.terminated, &values.value);
+        ImaginedRows {
+            action,
+            imagined,
+            values,
+            y_hat,
+        }
+    }
+}
+
+/// Imaginary transitions with their targets.
+pub(super) struct ImaginedRows {
+    pub action: Vec<f32>,
+    pub imagined: Imagined,
+    pub values: Values,
+    pub y_hat: Vec<f32>,
+}
+
+fn draws(sample: &Sample) -> &ImaginationDraws {
+    let draws = sample.model.as_ref().and_then(|m| m.imagination.as_ref());
+    draws.expect("an agent that imagines is given draws")
 }
 
 impl ImaginaryTargets {

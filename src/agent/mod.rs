@@ -12,6 +12,7 @@ mod expansion;
 mod figures;
 mod imaginary;
 mod policy;
+mod probe;
 mod sample;
 mod settings;
 
@@ -21,5 +22,6 @@ pub use expansion::{ExpandedTargets, Position};
 pub use figures::{Figures, ImaginationFigures};
 pub use imaginary::ImaginaryTargets;
 pub use policy::Policy;
+pub use probe::Probe;
 pub use sample::{ImaginationDraws, ModelDraws, Sample};
 pub use settings::{AgentSettings, BaseAlgorithm, SmoothingSettings, TemperatureSettings};

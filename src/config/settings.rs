@@ -69,6 +69,8 @@ pub struct Config {
     pub rules: Rules,
     /// Evaluation of the deterministic policy.
     pub evaluation: Evaluation,
+    /// What evaluations measure besides returns.
+    pub telemetry: Telemetry,
     /// Checkpoints.
     pub checkpoint: Checkpoint,
     /// Where and with how many threads tensors are computed.
@@ -109,6 +111,15 @@ pub struct Evaluation {
     pub every: u64,
     /// Episodes of one evaluation.
     pub episodes: usize,
+}
+
+/// What evaluations measure besides returns.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Telemetry {
+    /// States of the simulator, chosen at random since the last evaluation, in which imagined steps are
+    /// executed; 0 for none.
+    pub states: usize,
 }
 
 /// Checkpoints in the run directory.
@@ -257,6 +268,7 @@ impl Config {
                 every: 5_000,
                 episodes: 10,
             },
+            telemetry: Telemetry { states: 64 },
             checkpoint: Checkpoint { every: 50_000 },
             compute: Compute {
                 backend: Backend::Flex,

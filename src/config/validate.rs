@@ -100,6 +100,7 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     at_most("expansion.horizon", c.expansion.horizon as u64, 100)?;
     positive("evaluation.every", c.evaluation.every)?;
     positive("evaluation.episodes", c.evaluation.episodes as u64)?;
+    at_most("telemetry.states", c.telemetry.states as u64, 100_000)?;
     positive("checkpoint.every", c.checkpoint.every)?;
     at_most("batch_size", c.batch_size as u64, 1_000_000)?;
     at_most("replay.capacity", c.replay.capacity as u64, 1_000_000_000)?;

@@ -15,5 +15,5 @@ pub use settings::{
     ExpansionSettings, ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict,
     RewardSource, TargetComparison, UncertaintyScale,
 };
-pub use transitions::Imagination;
+pub use transitions::{Filters, Imagination};
 pub use world::{Imagined, World};

@@ -11,9 +11,29 @@ pub struct Imagination {
     pub world: World,
     deviation: f64,
     noise: NoiseBound,
-    target_filter: Option<TargetFilter>,
-    uncertainty_filter: Option<UncertaintyFilter>,
+    filters: Filters,
     loss_mean: ImaginaryLossMean,
+}
+
+/// The filters that are switched on, and what they remember.
+#[derive(Debug, Clone, Copy)]
+pub struct Filters {
+    target: Option<TargetFilter>,
+    uncertainty: Option<UncertaintyFilter>,
+}
+
+impl Filters {
+    /// Which rows train the critics; see [`keep`].
+    pub fn keep(
+        &mut self,
+        y_hat: &[f32],
+        y: &[f32],
+        disagreement: &[f32],
+        uniform: &[f32],
+    ) -> Kept {
+        let uncertainty = self.uncertainty.as_mut();
+        keep(self.target, uncertainty, y_hat, y, disagreement, uniform)
+    }
 }
 
 impl Imagination {
@@ -33,12 +53,14 @@ impl Imagination {
             world,
             deviation: settings.noise_deviation * unit,
             noise: NoiseBound::new(settings.noise_bound * action_limit, rate),
-            target_filter: settings
-                .target_filter
-                .then_some(TargetFilter(settings.target_comparison)),
-            uncertainty_filter: settings
-                .uncertainty_filter
-                .then_some(UncertaintyFilter::new(settings.uncertainty_scale)),
+            filters: Filters {
+                target: settings
+                    .target_filter
+                    .then_some(TargetFilter(settings.target_comparison)),
+                uncertainty: settings
+                    .uncertainty_filter
+                    .then_some(UncertaintyFilter::new(settings.uncertainty_scale)),
+            },
             loss_mean: settings.imaginary_loss_mean,
         }
     }
@@ -46,7 +68,7 @@ impl Imagination {
     /// Starts from a given noise bound and running maximum of the disagreement.
     pub fn with_progress(mut self, noise_bound: f64, running_max: f32) -> Imagination {
         self.noise = self.noise.at(noise_bound);
-        if let Some(filter) = &mut self.uncertainty_filter {
+        if let Some(filter) = &mut self.filters.uncertainty {
             *filter = filter.at(running_max);
         }
         self
@@ -72,8 +94,13 @@ impl Imagination {
 
     /// Largest disagreement of the target critics since phase 2 began; 0 without that filter.
     pub fn running_max(&self) -> f32 {
-        self.uncertainty_filter
-            .map_or(0.0, |filter| filter.running_max())
+        let filter = self.filters.uncertainty;
+        filter.map_or(0.0, |filter| filter.running_max())
+    }
+
+    /// A copy of the filters as they are now.
+    pub fn filters(&self) -> Filters {
+        self.filters
     }
 
     /// Which rows train the critics; see [`keep`].
@@ -84,14 +111,7 @@ impl Imagination {
         disagreement: &[f32],
         uniform: &[f32],
     ) -> Kept {
-        keep(
-            self.target_filter,
-            self.uncertainty_filter.as_mut(),
-            y_hat,
-            y,
-            disagreement,
-            uniform,
-        )
+        self.filters.keep(y_hat, y, disagreement, uniform)
     }
 
     /// Weight of one kept row's squared error beside `rows` real ones (equation 10).

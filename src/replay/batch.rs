@@ -1,5 +1,7 @@
 //! A batch of transitions.
 
+use super::Transition;
+
 /// Columns of `rows` transitions, row by row, unscaled.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Batch {
@@ -17,4 +19,31 @@ pub struct Batch {
     pub terminated: Vec<f32>,
     /// Previous executed actions `p`, `[n, action_size]`; 0 after a reset.
     pub previous_action: Vec<f32>,
+}
+
+impl Batch {
+    /// Appends a transition.
+    pub fn push(&mut self, transition: &Transition<'_>) {
+        self.rows += 1;
+        self.obs.extend_from_slice(transition.obs);
+        self.action.extend_from_slice(transition.action);
+        self.reward.push(transition.reward);
+        self.next_obs.extend_from_slice(transition.next_obs);
+        self.terminated.push(transition.ended());
+        self.previous_action
+            .extend_from_slice(transition.previous_action);
+    }
+
+    /// Overwrites row `row`.
+    pub fn set(&mut self, row: usize, transition: &Transition<'_>) {
+        let write = |column: &mut [f32], numbers: &[f32]| {
+            column[row * numbers.len()..][..numbers.len()].copy_from_slice(numbers);
+        };
+        write(&mut self.obs, transition.obs);
+        write(&mut self.action, transition.action);
+        write(&mut self.next_obs, transition.next_obs);
+        write(&mut self.previous_action, transition.previous_action);
+        self.reward[row] = transition.reward;
+        self.terminated[row] = transition.ended();
+    }
 }

@@ -21,6 +21,13 @@ pub struct Transition<'a> {
     pub previous_action: &'a [f32],
 }
 
+impl Transition<'_> {
+    /// Whether the task ended, as 1 or 0.
+    pub(super) fn ended(&self) -> f32 {
+        f32::from(u8::from(self.terminated))
+    }
+}
+
 /// A ring of transitions, each one contiguous row of single-precision numbers, so that a sampled
 /// transition costs one run of cache lines rather than six.
 #[derive(Debug)]

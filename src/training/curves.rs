@@ -4,6 +4,7 @@
 //! byte in the other two. A figure that does not exist in a row is an empty field.
 
 use super::Evaluation;
+use super::telemetry::ImaginedErrors;
 use crate::agent::Figures;
 use serde::Serialize;
 use std::fs::File;
@@ -57,6 +58,24 @@ pub(super) struct TrainRow {
     kept: Option<f64>,
     temperature: Option<f64>,
     entropy: Option<f64>,
+    q_bias: Option<f64>,
+    kept_state_error: Option<f64>,
+    kept_reward_error: Option<f64>,
+    kept_target_error: Option<f64>,
+    dropped_state_error: Option<f64>,
+    dropped_reward_error: Option<f64>,
+    dropped_target_error: Option<f64>,
+}
+
+/// What an evaluation measured besides returns.
+#[derive(Debug, Default)]
+pub(super) struct Measured {
+    /// Of the model on the newest transitions.
+    pub model_error: Option<f32>,
+    /// Of the critics on the evaluation's episodes.
+    pub q_bias: Option<f64>,
+    /// Of imagined steps, kept and dropped, in the simulator.
+    pub imagined: [ImaginedErrors; 2],
 }
 
 /// One row of `timing.csv`, seconds of wall clock since the row before.
@@ -151,7 +170,8 @@ impl Interval {
     }
 
     /// The row at `step`, and a new interval.
-    pub(super) fn take(&mut self, step: u64, model_error: Option<f32>) -> TrainRow {
+    pub(super) fn take(&mut self, step: u64, measured: &Measured) -> TrainRow {
+        let [kept, dropped] = measured.imagined;
         let i = std::mem::take(self);
         TrainRow {
             step,
@@ -164,13 +184,20 @@ impl Interval {
             actor_loss: i.actor_loss.get(),
             q_mean: i.q_mean.get(),
             model_loss: i.model_loss.get(),
-            model_error: model_error.map(f64::from),
+            model_error: measured.model_error.map(f64::from),
             eta: i.eta,
             target_kept: i.target_kept.get(),
             uncertainty_kept: i.uncertainty_kept.get(),
             kept: i.kept.get(),
             temperature: i.temperature.get(),
             entropy: i.entropy.get(),
+            q_bias: measured.q_bias,
+            kept_state_error: kept.state,
+            kept_reward_error: kept.reward,
+            kept_target_error: kept.target,
+            dropped_state_error: dropped.state,
+            dropped_reward_error: dropped.reward,
+            dropped_target_error: dropped.target,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Where transitions come from: the running episode and, with demonstrations, short segments beside it.
 
+use super::telemetry::Reservoir;
 use crate::env::{Env, Spec, Start};
 use crate::nn::RunningMoments;
 use crate::random::Stream;
@@ -27,6 +28,16 @@ pub(super) struct Side {
     left: u64,
     /// Whether the running segment is one of the main episode.
     in_main: bool,
+}
+
+/// Where transitions go.
+pub(super) struct Sinks<'a> {
+    /// What is learned from.
+    pub replay: &'a mut ReplayBuffer,
+    /// What observations are scaled by.
+    pub moments: &'a mut RunningMoments,
+    /// What imagined steps are measured with, for agents that imagine.
+    pub reservoir: Option<&'a mut Reservoir>,
 }
 
 /// The source of a run's transitions.
@@ -93,12 +104,9 @@ impl Runner {
 
     /// Executes `action` and stores the transition unless the simulation blew up; whether the episode
     /// ended, and the reward.
-    fn step(
-        &mut self,
-        action: &[f32],
-        replay: &mut ReplayBuffer,
-        moments: &mut RunningMoments,
-    ) -> (bool, Option<f64>) {
+    fn step(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> (bool, Option<f64>) {
+        let place = sinks.reservoir.as_mut().and_then(|r| r.place());
+        let kept = place.map(|place| (place, self.env.snapshot()));
         let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
         let mut observation = vec![0.0; self.obs.len()];
         let outcome = self.env.step(&command, &mut observation);
@@ -108,15 +116,19 @@ impl Runner {
         }
         let mut next_obs = vec![0.0; self.obs.len()];
         write_single(&mut next_obs, &observation);
-        moments.add(&observation);
-        replay.push(Transition {
+        sinks.moments.add(&observation);
+        let transition = Transition {
             obs: &self.obs,
             action,
             reward: outcome.reward as f32,
             next_obs: &next_obs,
             terminated: outcome.terminated,
             previous_action: &self.previous_action,
-        });
+        };
+        if let (Some(reservoir), Some((place, state))) = (&mut sinks.reservoir, kept) {
+            reservoir.keep(place, state, &transition);
+        }
+        sinks.replay.push(transition);
         self.obs = next_obs;
         self.previous_action.copy_from_slice(action);
         self.episode_return += outcome.reward;
@@ -125,16 +137,11 @@ impl Runner {
     }
 
     /// A step after which a new episode begins if this one ended.
-    fn step_on(
-        &mut self,
-        action: &[f32],
-        replay: &mut ReplayBuffer,
-        moments: &mut RunningMoments,
-    ) -> Taken {
-        let (ended, reward) = self.step(action, replay, moments);
+    fn step_on(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> Taken {
+        let (ended, reward) = self.step(action, sinks);
         let ended = ended.then_some((self.episode_return, self.length));
         if ended.is_some() {
-            self.reset(moments);
+            self.reset(sinks.moments);
         }
         Taken { reward, ended }
     }
@@ -203,20 +210,15 @@ impl Experience {
 
     /// Executes `action` and stores the transition; begins a new episode or segment where one ends. The
     /// end of a segment is no end of anything in what is stored.
-    pub fn step(
-        &mut self,
-        action: &[f32],
-        replay: &mut ReplayBuffer,
-        moments: &mut RunningMoments,
-    ) -> Taken {
+    pub fn step(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> Taken {
         let Some(side) = &mut self.side else {
-            return self.main.step_on(action, replay, moments);
+            return self.main.step_on(action, sinks);
         };
         side.left -= 1;
         let taken = if side.in_main {
-            self.main.step_on(action, replay, moments)
+            self.main.step_on(action, sinks)
         } else {
-            let (ended, reward) = side.runner.step(action, replay, moments);
+            let (ended, reward) = side.runner.step(action, sinks);
             if ended {
                 side.left = 0;
             }
@@ -226,7 +228,7 @@ impl Experience {
             }
         };
         if side.left == 0 {
-            side.begin_segment(moments);
+            side.begin_segment(sinks.moments);
         }
         taken
     }
@@ -320,7 +322,12 @@ mod tests {
             let (obs, previous) = experience.state();
             let (obs, previous) = (obs.to_vec(), previous.to_vec());
             let main = experience.side.as_ref().is_none_or(|side| side.in_main);
-            let taken = experience.step(&[0.0; 2], &mut replay, &mut moments);
+            let mut sinks = Sinks {
+                replay: &mut replay,
+                moments: &mut moments,
+                reservoir: None,
+            };
+            let taken = experience.step(&[0.0; 2], &mut sinks);
             (main, obs, previous, taken.ended.is_some())
         });
         let taken = taken.collect();

@@ -7,6 +7,7 @@ mod evaluation;
 mod experience;
 mod provenance;
 mod run_directory;
+mod telemetry;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, CheckpointError};

@@ -1,12 +1,13 @@
 //! The training loop (paper, Algorithm 1).
 
-use super::curves::{self, Curves, EvalRow, Interval, TimingRow};
-use super::experience::{Experience, Runner, Side};
+use super::curves::{self, Curves, EvalRow, Interval, Measured, TimingRow};
+use super::experience::{Experience, Runner, Side, Sinks};
 use super::provenance::Provenance;
+use super::telemetry::{self, Reservoir, Returns};
 use super::{Checkpoint, Evaluation, Evaluator, RunDirectory, TrainError};
 use crate::agent::{Agent, Augmentation, ImaginationDraws, ModelDraws, Sample};
 use crate::config::{Addition, Config};
-use crate::env::{self, Rules, Scene, Spec};
+use crate::env::{self, Replay, Rules, Scene, Spec};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination, RewardSource, World};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
@@ -56,6 +57,8 @@ pub struct Trainer {
     demonstrations: Option<[usize; 2]>,
     agent: Agent,
     evaluator: Evaluator,
+    /// Where imagined steps are measured, for agents that imagine.
+    probe: Option<(Reservoir, Box<dyn Replay>)>,
     replay: ReplayBuffer,
     moments: RunningMoments,
     scaling: ObservationScaling,
@@ -132,6 +135,7 @@ impl Trainer {
             demonstrations: found,
             agent,
             evaluator: Evaluator::new(&config, seeded("eval-env"))?,
+            probe: probe(&config)?,
             replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
             moments: RunningMoments::new(spec.obs_size),
             scaling: ObservationScaling::identity(spec.obs_size),
@@ -268,8 +272,12 @@ impl Trainer {
     /// Executes `action`; returns the reward, none where the simulation blew up.
     fn act(&mut self, action: &[f32], step: u64, monitor: &mut dyn Monitor) -> Option<f64> {
         let started = Instant::now();
-        let (replay, moments) = (&mut self.replay, &mut self.moments);
-        let taken = self.experience.step(action, replay, moments);
+        let mut sinks = Sinks {
+            replay: &mut self.replay,
+            moments: &mut self.moments,
+            reservoir: self.probe.as_mut().map(|(reservoir, _)| reservoir),
+        };
+        let taken = self.experience.step(action, &mut sinks);
         self.clock.environment += started.elapsed();
         if let Some((episode_return, length)) = taken.ended {
             self.interval.episode(episode_return, length);
@@ -367,14 +375,32 @@ impl Trainer {
     fn evaluate(&mut self, step: u64) -> Result<(), TrainError> {
         let started = Instant::now();
         let policy = self.agent.policy(&self.scaling);
-        let evaluation = self
-            .evaluator
-            .evaluate(&policy, self.config.evaluation.episodes);
+        let episodes = self.config.evaluation.episodes;
+        let watched = self.evaluator.evaluate_watched(&policy, episodes, &Returns);
+        let (episodes, seen): (Vec<_>, Vec<_>) = watched.into_iter().unzip();
+        let evaluation = Evaluation { episodes };
         let newest = self.replay.newest(self.config.batch_size);
         let model_error = if newest.rows > 0 {
             self.agent.model_error(&newest, &self.scaling)
         } else {
             None
+        };
+        let trained = step > self.config.random_steps;
+        let (agent, scaling) = (&self.agent, &self.scaling);
+        let q_bias = trained
+            .then(|| telemetry::q_bias(agent, &seen, self.config.discount, scaling))
+            .flatten();
+        let mut imagined = None;
+        if let Some((reservoir, env)) = &mut self.probe {
+            if trained {
+                imagined = telemetry::measure(agent, reservoir, env.as_mut(), scaling);
+            }
+            reservoir.clear();
+        }
+        let measured = Measured {
+            model_error,
+            q_bias,
+            imagined: imagined.unwrap_or_default(),
         };
         let evaluation_time = started.elapsed();
 
@@ -384,10 +410,7 @@ impl Trainer {
         let mut write = || -> Result<(), csv::Error> {
             curves::write(&mut self.curves.eval, EvalRow::new(step, &evaluation))?;
             if step > 0 {
-                curves::write(
-                    &mut self.curves.train,
-                    self.interval.take(step, model_error),
-                )?;
+                curves::write(&mut self.curves.train, self.interval.take(step, &measured))?;
                 curves::write(&mut self.curves.timing, clock.row(step, evaluation_time))?;
             }
             Ok(())
@@ -446,6 +469,16 @@ impl Clock {
             evaluation_seconds: evaluation.as_secs_f64(),
         }
     }
+}
+
+/// What imagined steps are measured with: none for methods that imagine no other actions.
+fn probe(config: &Config) -> Result<Option<(Reservoir, Box<dyn Replay>)>, TrainError> {
+    let states = config.telemetry.states;
+    if config.method.addition() != Addition::Imagination || states == 0 {
+        return Ok(None);
+    }
+    let rng = stream(config.seed, "telemetry");
+    Ok(Some((Reservoir::new(states, rng), config.env()?)))
 }
 
 /// What the method of `config` adds to its base, with a fresh model.

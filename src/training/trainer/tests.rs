@@ -68,6 +68,7 @@ fn trainer(directory: &std::path::Path, steps: u64) -> Trainer {
     config.model.hidden = vec![16];
     (config.evaluation.every, config.evaluation.episodes) = (50, 1);
     config.checkpoint.every = 50;
+    config.telemetry.states = 0;
     let directory = RunDirectory::create(&directory.join("run"), false).unwrap();
     Trainer::new(config, None, directory).unwrap()
 }
