@@ -920,9 +920,31 @@ fn demonstrations_that_cannot_be_used_are_refused_and_nothing_is_written() {
     let whole = fs::read(place.path("PenSpin.npz")).unwrap();
     place.write("PenSpin.npz", &whole[..whole.len() / 2]);
     refuse(1, "PenSpin.npz", &["PenSpin.npz"]);
+    let message = stderr(&place.run(&small_run(
+        "pen_spin",
+        "out",
+        &["demonstrations.path=PenSpin.npz"],
+    )));
+    assert_eq!(message.matches("PenSpin.npz").count(), 1, "{message}");
     fs::remove_file(place.path("PenSpin.json")).unwrap();
     place.write("PenSpin.npz", &whole);
     refuse(1, "PenSpin.npz", &["PenSpin.json"]);
+}
+
+#[test]
+fn force_spares_demonstrations_that_lie_in_the_run() {
+    let place = Place::new();
+    let settings = [&TINY[..], &["steps=60", "telemetry.states=0"]].concat();
+    noted(&place, &small_run("egg_hand_over", "run", &settings));
+    let record = ["demo", "record", "--checkpoint", "run", "--episodes", "1"];
+    place.succeed(&[&record[..], &["--out", "run/demos"]].concat());
+    let before = place.contents("run/demos");
+    assert_eq!(before.len(), 2);
+    let settings = [&settings[..], &["demonstrations.path=run/demos"]].concat();
+    let mut arguments = small_run("egg_hand_over", "run", &settings);
+    arguments.push("--force".into());
+    noted(&place, &arguments);
+    assert_eq!(place.contents("run/demos"), before);
 }
 
 #[test]

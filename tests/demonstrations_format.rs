@@ -18,6 +18,8 @@ const SIZES: Sizes<'_> = Sizes {
     task: TASK,
     nq: 3,
     nv: 2,
+    obs_size: 4,
+    goal_size: 7,
     action_size: 2,
     action_limit: 1.0,
 };
@@ -53,7 +55,7 @@ fn trajectory(task: &str, change: Change) -> Recorder {
         let action = [t as f64 / 4.0, -2.0];
         let step = Step {
             action: &action,
-            ctrl: Some(&[0.1, 0.2, t as f64]),
+            ctrl: Some(&[0.1, t as f64]),
             reward: 0.5 * t as f64,
             terminated: false,
             success: Some(t == 4),
@@ -106,7 +108,7 @@ fn what_is_written_is_read_back() {
         let row = |rows: &Option<mamf::recording::Rows>| rows.as_ref().unwrap().get(t).unwrap()[0];
         assert_eq!(recording.action.get(t).unwrap(), [t as f64 / 4.0, -2.0]);
         assert_eq!(
-            recording.ctrl.as_ref().unwrap().get(t).unwrap()[2],
+            recording.ctrl.as_ref().unwrap().get(t).unwrap()[1],
             t as f64
         );
         assert_eq!(row(&recording.reward), 0.5 * t as f64);
@@ -298,6 +300,20 @@ fn recordings_of_another_kind_are_refused() {
         ),
         ("qpos", Sizes { nq: 4, ..SIZES }),
         ("qvel", Sizes { nv: 1, ..SIZES }),
+        (
+            "obs",
+            Sizes {
+                obs_size: 5,
+                ..SIZES
+            },
+        ),
+        (
+            "achieved_goal",
+            Sizes {
+                goal_size: 14,
+                ..SIZES
+            },
+        ),
     ] {
         let message = refusal(&path, &sizes);
         assert!(
@@ -313,6 +329,13 @@ fn recordings_of_another_kind_are_refused() {
     });
     let message = refusal(&path, &SIZES);
     assert!(message.contains("`qpos`: row 4 holds NaN"), "{message}");
+    let (_directory, path) = saved(TASK, |t, qpos| {
+        if t == 2 {
+            qpos[0] = -3e40;
+        }
+    });
+    let message = refusal(&path, &SIZES);
+    assert!(message.contains("`qpos`: row 2 holds -3e40"), "{message}");
 }
 
 #[test]
@@ -487,7 +510,7 @@ fn several_episodes_in_one_file_are_refused() {
         qvel: &[0.0; 2],
         qacc_warmstart: &[0.0; 2],
         time,
-        obs: &[0.0],
+        obs: &[0.0; 4],
         achieved_goal: None,
     };
     let step = Step {

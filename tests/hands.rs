@@ -127,7 +127,7 @@ fn goals_are_drawn_where_the_object_is_not() {
         let mut seconds = [f64::MAX, f64::MIN];
         for _ in 0..300 {
             let goal = task.env.draw_goal(&mut task.rng, &first);
-            assert!(task.env.goal_error(&first, &goal) < 1e-12, "{id}");
+            assert!(task.env.goal_error(&first, &goal, true) < 1e-12, "{id}");
             for i in 0..3 {
                 low[i] = low[i].min(goal[i]);
                 high[i] = high[i].max(goal[i]);
@@ -161,7 +161,8 @@ fn goals_are_drawn_where_the_object_is_not() {
         moved[object + 1] = (start + end) / 2.0;
         let goal = task.env.draw_goal(&mut task.rng, &moved);
         assert!(goal[1] < start || goal[1] > end, "{id} {goal:?}");
-        assert!(task.env.goal_error(&first, &goal) > 0.1, "{id}");
+        assert!(task.env.goal_error(&first, &goal, true) > 0.1, "{id}");
+        assert!(task.env.goal_error(&first, &goal, false) < 1e-12, "{id}");
     }
 }
 

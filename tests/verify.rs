@@ -243,6 +243,50 @@ fn a_missing_directory_and_an_empty_one_are_misuse() {
 }
 
 #[test]
+fn a_rollout_of_which_nothing_can_be_compared_does_not_pass() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut arrays = record("Hopper-v4", 1);
+    // One action, and no state after it.
+    for (name, shape, numbers) in &mut arrays {
+        if shape[0] == 2 && *name != "desired_goal" {
+            let row = numbers.len() / 2;
+            shape[0] = 1;
+            numbers.truncate(row);
+        }
+    }
+    write_rollout(directory.path(), "single", "Hopper-v4", &arrays);
+    let failed = mamf(directory.path()).code(1);
+    let output = failed.get_output();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        message.contains("single.npz: no step could be compared"),
+        "{message}"
+    );
+    let table = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(table.contains("nothing compared"), "{table}");
+}
+
+#[test]
+fn a_rollout_may_begin_anywhere_in_an_episode() {
+    // An object under way tells nothing of the region its goal was drawn in.
+    let directory = tempfile::tempdir().unwrap();
+    let mut arrays = record("EggCatchUnderarm-v0", 12);
+    for (name, shape, numbers) in &mut arrays {
+        let lasting = *name == "desired_goal";
+        if !lasting {
+            let width = numbers.len() / shape[0] as usize;
+            numbers.drain(..5 * width);
+            shape[0] -= 5;
+        }
+        if *name == "qpos" {
+            assert_eq!(shape[1], 74);
+        }
+    }
+    write_rollout(directory.path(), "later", "EggCatchUnderarm-v0", &arrays);
+    assert!(verify(directory.path(), None).unwrap().passed());
+}
+
+#[test]
 fn an_unknown_task_is_named() {
     let directory = tempfile::tempdir().unwrap();
     write_rollout(

@@ -116,7 +116,7 @@ fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
 fn is_misuse_of_training(error: &TrainError) -> bool {
     match error {
         TrainError::RunDirectory(error) => is_misuse_of_directory(error),
-        TrainError::Demonstrations(error) => matches!(
+        TrainError::Demonstrations { error } => matches!(
             error,
             DemonstrationError::Find(_) | DemonstrationError::Task { .. }
         ),

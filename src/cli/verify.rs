@@ -69,6 +69,9 @@ fn print(report: &Report) -> std::io::Result<u8> {
     for summary in report.summaries.iter().filter(|s| !s.within_tolerance()) {
         let path = summary.path.display();
         match summary.diverged {
+            0 if !summary.is_judged() => super::tell(&format!(
+                "error: {path}: no step could be compared: each comes near a forearm, or no state follows it"
+            )),
             0 => super::tell(&format!("error: {path}: not reproduced within tolerance")),
             n => super::tell(&format!(
                 "error: {path}: the simulation diverged at {n} steps"

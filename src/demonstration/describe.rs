@@ -44,13 +44,7 @@ pub fn describe(path: &Path) -> Result<Description, UnusableRecording> {
     let recording = Recording::open(path)?;
     let env = env::make_replay(&recording.env).map_err(UnusableRecording::task(path))?;
     let spec = env.spec();
-    let sizes = Sizes {
-        task: &spec.id,
-        nq: spec.nq,
-        nv: spec.nv,
-        action_size: spec.action_size,
-        action_limit: spec.action_limit,
-    };
+    let sizes = Sizes::of(spec);
     let reset = match Demonstrations::check(&recording, &sizes) {
         Ok(()) => None,
         Err(DemonstrationError::Reset { row, .. }) => Some(row),

@@ -161,8 +161,12 @@ impl Replay for Doubled {
         self.inner.achieved_goal()
     }
 
-    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64 {
-        self.inner.goal_error(qpos, goal)
+    fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64 {
+        self.inner.goal_error(qpos, goal, settled)
+    }
+
+    fn settling_time(&self) -> f64 {
+        self.inner.settling_time()
     }
 
     fn qpos(&self) -> &[f64] {

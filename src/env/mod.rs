@@ -108,8 +108,12 @@ pub trait Replay: Env {
     /// What the goal would have to be to be reached in this state, `goal_size`.
     fn achieved_goal(&self) -> Vec<f64>;
 
-    /// How far `goal` lies from the goals that a reset can draw for objects that settled at `qpos`.
-    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64;
+    /// How far `goal` lies from the goals that a reset can draw: for objects that settled at `qpos`, or,
+    /// unless these have `settled`, for objects anywhere.
+    fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64;
+
+    /// Simulated seconds that pass in a reset.
+    fn settling_time(&self) -> f64;
 
     /// Positions, `nq`.
     fn qpos(&self) -> &[f64];

@@ -333,8 +333,12 @@ impl<T: Task> Replay for Simulation<T> {
         achieved
     }
 
-    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64 {
-        self.task.goal_error(qpos, goal)
+    fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64 {
+        self.task.goal_error(qpos, goal, settled)
+    }
+
+    fn settling_time(&self) -> f64 {
+        self.task.settling_steps() as f64 * self.spec.dt
     }
 
     fn qpos(&self) -> &[f64] {

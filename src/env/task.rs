@@ -153,8 +153,9 @@ pub trait Task: Send {
     /// Writes what the goal would have to be to be reached in this state.
     fn achieved_goal(&self, _data: &Data, _achieved: &mut [f64]) {}
 
-    /// How far `goal` lies from the goals that [`draw_goal`](Task::draw_goal) can give.
-    fn goal_error(&self, _qpos: &[f64], _goal: &[f64]) -> f64 {
+    /// How far `goal` lies from the goals that [`draw_goal`](Task::draw_goal) can give: for objects that
+    /// settled at `qpos`, or, unless these have `settled`, for objects anywhere.
+    fn goal_error(&self, _qpos: &[f64], _goal: &[f64], _settled: bool) -> f64 {
         0.0
     }
 

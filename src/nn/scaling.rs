@@ -111,6 +111,12 @@ impl ObservationScaling {
         }
     }
 
+    /// Whether all means and deviations are finite.
+    pub fn is_finite(&self) -> bool {
+        let mut numbers = self.mean.iter().chain(&self.deviation);
+        numbers.all(|x| x.is_finite())
+    }
+
     /// Adds `scaling.mean`, `scaling.deviation` and `scaling.clip` to `weights`.
     pub fn save(&self, weights: &mut Weights) {
         let mut insert = |name: &str, data: &[f32]| {

@@ -93,7 +93,10 @@ impl Search {
         if path.is_dir() {
             return self.add_directory(&path);
         }
-        if path.extension().is_some_and(|e| e == "npz") {
+        // Of files only: reading a pipe would wait for ever. A link that leads nowhere is kept, to be
+        // told of.
+        let reads = path.is_file() || !path.exists();
+        if path.extension().is_some_and(|e| e == "npz") && reads {
             self.found.insert(path);
         }
         Ok(())

@@ -16,6 +16,6 @@ mod write;
 
 pub use error::RecordingError;
 pub use find::{FindError, find};
-pub use read::{Recording, Settings};
+pub use read::{LARGEST, Recording, Settings};
 pub use rows::Rows;
 pub use write::{Array, Recorder, State, Step, WriteError, write};

@@ -9,6 +9,11 @@ use super::archive::Archive;
 use super::error::RecordingError;
 use super::rows::Rows;
 
+/// The largest number, up or down, that a simulation holds: MuJoCo takes states beyond it for broken.
+pub const LARGEST: f64 = 1e10;
+
+const EXPECTED: &str = "where a finite number within +-1e10 belongs";
+
 /// What the `.json` file says; everything else in it is for people.
 #[derive(Debug, Clone, Default, Deserialize)]
 pub struct Settings {
@@ -207,33 +212,37 @@ impl Recording {
         self.problem(name, "is missing")
     }
 
-    /// Makes sure that actions, positions, velocities, observations, rewards and the goal are numbers
-    /// to go on from.
+    /// Makes sure that every number is one to go on from: finite, and within what a simulation can hold
+    /// ([`LARGEST`]).
     ///
     /// # Errors
-    /// Names the file, the array and the row of the first one that is NaN or infinite.
+    /// Names the file, the array and the row of the first one that is not.
     pub fn check_finite(&self) -> Result<(), RecordingError> {
-        let arrays = [
-            ("action", Some(&self.action)),
-            ("qpos", Some(&self.qpos)),
-            ("qvel", Some(&self.qvel)),
-            ("obs", self.obs.as_ref()),
-            ("reward", self.reward.as_ref()),
-        ];
-        for (name, rows) in arrays {
-            if let Some((row, number)) = rows.and_then(Rows::first_not_finite) {
-                let problem = format!("row {row} holds {number} where a finite number belongs");
+        let arrays = [("action", Some(&self.action))];
+        for (name, rows) in arrays
+            .into_iter()
+            .chain(self.states())
+            .chain(self.per_step())
+        {
+            if let Some((row, number)) = rows.and_then(|rows| rows.first_beyond(LARGEST)) {
+                let problem = format!("row {row} holds {number:e} {EXPECTED}");
                 return Err(self.problem(name, problem));
             }
         }
-        let goal = self.desired_goal.as_deref().unwrap_or_default();
-        match goal.iter().find(|x| !x.is_finite()) {
-            None => Ok(()),
-            Some(number) => {
-                let problem = format!("holds {number} where a finite number belongs");
-                Err(self.problem(self.goal_name, problem))
+        for (name, vector) in [
+            (self.goal_name, &self.desired_goal),
+            ("presettle_qpos", &self.presettle_qpos),
+            ("presettle_qvel", &self.presettle_qvel),
+            ("presettle_qacc_warmstart", &self.presettle_qacc_warmstart),
+            ("settle_ctrl", &self.settle_ctrl),
+        ] {
+            let numbers = vector.as_deref().unwrap_or_default();
+            let wrong = |x: &&f64| x.is_nan() || x.abs() > LARGEST;
+            if let Some(number) = numbers.iter().find(wrong) {
+                return Err(self.problem(name, format!("holds {number:e} {EXPECTED}")));
             }
         }
+        Ok(())
     }
 
     /// Makes sure that there are as many rows as there are states or steps.

@@ -46,10 +46,11 @@ impl Rows {
         self
     }
 
-    /// The first number that is NaN or infinite, with its row.
-    pub fn first_not_finite(&self) -> Option<(usize, f64)> {
-        let at = self.numbers.iter().position(|x| !x.is_finite())?;
-        Some((at / self.columns, self.numbers[at]))
+    /// The first number that is not finite or lies beyond plus and minus `largest`, with its row.
+    pub fn first_beyond(&self, largest: f64) -> Option<(usize, f64)> {
+        let wrong = |x: &f64| x.is_nan() || x.abs() > largest;
+        let place = self.numbers.iter().position(wrong)?;
+        Some((place / self.columns.max(1), self.numbers[place]))
     }
 }
 
@@ -62,16 +63,16 @@ mod tests {
         let rows = Rows::new(vec![0.5, -3.0, 1.0, f64::INFINITY], 2, 2);
         assert_eq!(rows.get(1), Some(&[1.0, f64::INFINITY][..]));
         assert_eq!(rows.get(2), None);
-        assert_eq!(rows.first_not_finite(), Some((1, f64::INFINITY)));
+        assert_eq!(rows.first_beyond(1e10), Some((1, f64::INFINITY)));
         let clipped = rows.clipped(1.0);
         assert_eq!(clipped.get(0), Some(&[0.5, -1.0][..]));
-        assert_eq!(clipped.first_not_finite(), None);
+        assert_eq!(clipped.first_beyond(1e10), None);
     }
 
     #[test]
     fn rows_without_columns_are_empty() {
         let rows = Rows::new(vec![], 3, 0);
         assert_eq!(rows.get(2), Some(&[][..]));
-        assert_eq!(rows.first_not_finite(), None);
+        assert_eq!(rows.first_beyond(1e10), None);
     }
 }

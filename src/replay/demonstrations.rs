@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rand::RngExt;
 
+use crate::env::Spec;
 use crate::random::Stream;
 use crate::recording::{FindError, Recording, RecordingError, Rows, find};
 
@@ -46,10 +47,71 @@ pub struct Sizes<'a> {
     pub nq: usize,
     /// Length of the velocities.
     pub nv: usize,
+    /// Length of the observations, without the goal.
+    pub obs_size: usize,
+    /// Length of the goal; 0 for a task without one.
+    pub goal_size: usize,
     /// Length of the actions.
     pub action_size: usize,
     /// Actions lie in plus and minus this.
     pub action_limit: f64,
+}
+
+impl Sizes<'_> {
+    /// Those of the task `spec`.
+    pub fn of(spec: &Spec) -> Sizes<'_> {
+        Sizes {
+            task: &spec.id,
+            nq: spec.nq,
+            nv: spec.nv,
+            obs_size: spec.obs_size - spec.goal_size,
+            goal_size: spec.goal_size,
+            action_size: spec.action_size,
+            action_limit: spec.action_limit,
+        }
+    }
+
+    /// Makes sure that the rows of `recording` are as long as the task's.
+    ///
+    /// # Errors
+    /// Names the first array that is not.
+    pub fn check(&self, recording: &Recording) -> Result<(), RecordingError> {
+        let rows = [
+            ("action", Some(&recording.action), self.action_size),
+            ("qpos", Some(&recording.qpos), self.nq),
+            ("qvel", Some(&recording.qvel), self.nv),
+            ("qacc_warmstart", recording.qacc_warmstart.as_ref(), self.nv),
+            ("ctrl", recording.ctrl.as_ref(), self.action_size),
+            ("obs", recording.obs.as_ref(), self.obs_size),
+            (
+                "achieved_goal",
+                recording.achieved_goal.as_ref(),
+                self.goal_size,
+            ),
+        ];
+        for (name, rows, columns) in rows {
+            if let Some(rows) = rows {
+                recording.expect_columns(name, rows, columns)?;
+            }
+        }
+        let vectors = [
+            ("desired_goal", &recording.desired_goal, self.goal_size),
+            ("presettle_qpos", &recording.presettle_qpos, self.nq),
+            ("presettle_qvel", &recording.presettle_qvel, self.nv),
+            (
+                "presettle_qacc_warmstart",
+                &recording.presettle_qacc_warmstart,
+                self.nv,
+            ),
+            ("settle_ctrl", &recording.settle_ctrl, self.action_size),
+        ];
+        for (name, numbers, length) in vectors {
+            if let Some(numbers) = numbers {
+                recording.expect_length(name, numbers, length)?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Recorded trajectories of one task, from whose states training segments begin.
@@ -107,9 +169,7 @@ impl Demonstrations {
     /// one episode.
     pub fn check(recording: &Recording, sizes: &Sizes<'_>) -> Result<(), DemonstrationError> {
         check_task(&recording.path, &recording.env, sizes)?;
-        recording.expect_columns("action", &recording.action, sizes.action_size)?;
-        recording.expect_columns("qpos", &recording.qpos, sizes.nq)?;
-        recording.expect_columns("qvel", &recording.qvel, sizes.nv)?;
+        sizes.check(recording)?;
         recording.check_finite()?;
         match (1..recording.qpos.rows()).find(|&t| recording.reset_before(t)) {
             None => Ok(()),

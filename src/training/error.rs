@@ -26,8 +26,11 @@ pub enum TrainError {
     #[error(transparent)]
     Task(#[from] MakeError),
     /// The demonstrations can't be used.
-    #[error("demonstrations.path: {0}")]
-    Demonstrations(#[from] DemonstrationError),
+    #[error("demonstrations.path: {error}")]
+    Demonstrations {
+        /// What is wrong with them; part of the message, and hence no source of it.
+        error: DemonstrationError,
+    },
     /// A file of the run directory can't be written.
     #[error(transparent)]
     RunDirectory(#[from] RunDirectoryError),
@@ -56,5 +59,11 @@ fn good_checkpoint(checkpoint: &Option<PathBuf>) -> String {
     match checkpoint {
         Some(path) => format!("the last good checkpoint is {}", path.display()),
         None => "no checkpoint had been saved yet".to_owned(),
+    }
+}
+
+impl From<DemonstrationError> for TrainError {
+    fn from(error: DemonstrationError) -> TrainError {
+        TrainError::Demonstrations { error }
     }
 }

@@ -284,13 +284,7 @@ mod tests {
             recorder.push(&taken, &after);
         }
         recorder.save(&directory.join("one")).unwrap();
-        let sizes = Sizes {
-            task: TASK,
-            nq: 4,
-            nv: 4,
-            action_size: 2,
-            action_limit: 1.0,
-        };
+        let sizes = Sizes::of(env.spec());
         Demonstrations::load(directory.to_str().unwrap(), &sizes).unwrap()
     }
 
@@ -371,6 +365,41 @@ mod tests {
         // Whole segments, but for the ends of main episodes, which are no ends of segments.
         for segment in mixed.chunks(SEGMENT as usize) {
             assert!(segment.iter().all(|taken| taken.0 == segment[0].0));
+        }
+    }
+
+    #[test]
+    fn a_segment_of_a_goal_task_has_a_goal_drawn_afresh() {
+        let id = "EggHandOver-v0";
+        let fixture = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/fixtures/rollouts/EggHandOver.npz"
+        );
+        let recording = crate::recording::Recording::open(fixture.as_ref()).unwrap();
+        let checked = env::make_replay(id).unwrap();
+        let sizes = Sizes::of(checked.spec());
+        let demonstrations = Demonstrations::load(fixture, &sizes).unwrap();
+        let mut runner = Runner::new(env::make(id).unwrap().0, stream(2, "segment-env"));
+        let mut moments = RunningMoments::new(116);
+        let recorded = recording.obs.as_ref().unwrap();
+        let first = recording.qpos.get(0).unwrap();
+        let mut goals: Vec<Vec<f32>> = Vec::new();
+        for _ in 0..20 {
+            runner.start_in(&demonstrations, &mut moments);
+            let (state, goal) = runner.obs.split_at(109);
+            let near = |row: &[f64]| {
+                let pairs = row.iter().zip(state);
+                pairs.fold(0.0f64, |m, (a, b)| m.max((a - f64::from(*b)).abs())) < 1e-5
+            };
+            let t = (0..14).find(|&t| near(recorded.get(t).unwrap()));
+            let t = t.expect("the state of some row");
+            let previous = t.checked_sub(1).and_then(|t| recording.action.get(t));
+            let expected = previous.map_or(0.0, |action| action[7] as f32);
+            assert!((runner.previous_action[7] - expected).abs() < 1e-6);
+            let wide: Vec<f64> = goal.iter().map(|x| f64::from(*x)).collect();
+            assert!(checked.goal_error(first, &wide, true) < 1e-6, "{wide:?}");
+            assert!(!goals.contains(&goal.to_vec()), "drawn anew each time");
+            goals.push(goal.to_vec());
         }
     }
 }

@@ -30,6 +30,27 @@ pub enum RunDirectoryError {
     },
 }
 
+/// What a run writes beside its checkpoints.
+const FILES: [&str; 5] = [
+    "config.toml",
+    "run.json",
+    "train.csv",
+    "eval.csv",
+    "timing.csv",
+];
+
+/// Removes what a run wrote to `path`, and nothing else that may lie there.
+fn remove_run(path: &Path) -> std::io::Result<()> {
+    let missing = |error: &std::io::Error| error.kind() == std::io::ErrorKind::NotFound;
+    let checkpoints = std::fs::remove_dir_all(path.join("checkpoints"));
+    let files = FILES.map(|name| std::fs::remove_file(path.join(name)));
+    files
+        .into_iter()
+        .chain([checkpoints])
+        .find(|removed| removed.as_ref().is_err_and(|error| !missing(error)))
+        .unwrap_or(Ok(()))
+}
+
 impl RunDirectory {
     /// Where a run of `config` goes unless told otherwise: `runs/<task>/<method>/seed-<n>`.
     pub fn default_path(config: &Config) -> PathBuf {
@@ -43,7 +64,8 @@ impl RunDirectory {
             .collect()
     }
 
-    /// Makes the directory. An existing one is an error; with `force` an existing run is removed.
+    /// Makes the directory. An existing one is an error; with `force` the files of an existing run are
+    /// removed, and others in it are left.
     ///
     /// # Errors
     /// When it exists, is no run, or the system refuses.
@@ -70,7 +92,7 @@ impl RunDirectory {
             {
                 return Err(RunDirectoryError::NotARun(path.to_owned()));
             }
-            std::fs::remove_dir_all(path).map_err(io)?;
+            remove_run(path).map_err(io)?;
         }
         std::fs::create_dir_all(path.join("checkpoints")).map_err(io)?;
         Ok(RunDirectory(path.to_owned()))

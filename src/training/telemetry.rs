@@ -62,6 +62,14 @@ impl Reservoir {
     }
 }
 
+/// What imagined steps are measured with.
+pub(super) struct Probing {
+    /// Where they begin.
+    pub reservoir: Reservoir,
+    /// Where they are executed.
+    pub env: Box<dyn Replay>,
+}
+
 /// Errors of imagined steps against the simulator, of the rows that the filters keep or drop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct ImaginedErrors {

@@ -3,11 +3,11 @@
 use super::curves::{self, Curves, EvalRow, Interval, Measured, TimingRow};
 use super::experience::{Experience, Runner, Side, Sinks};
 use super::provenance::Provenance;
-use super::telemetry::{self, Reservoir, Returns};
+use super::telemetry::{self, Probing, Reservoir, Returns};
 use super::{Checkpoint, Evaluation, Evaluator, RunDirectory, TrainError};
 use crate::agent::{Agent, Augmentation, ImaginationDraws, ModelDraws, Sample};
 use crate::config::{Addition, Config};
-use crate::env::{self, Replay, Rules, Scene, Spec};
+use crate::env::{self, Rules, Scene, Spec};
 use crate::imagination::{DynamicsModel, DynamicsShape, Imagination, RewardSource, World};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
@@ -58,7 +58,7 @@ pub struct Trainer {
     agent: Agent,
     evaluator: Evaluator,
     /// Where imagined steps are measured, for agents that imagine.
-    probe: Option<(Reservoir, Box<dyn Replay>)>,
+    probing: Option<Probing>,
     replay: ReplayBuffer,
     moments: RunningMoments,
     scaling: ObservationScaling,
@@ -135,7 +135,7 @@ impl Trainer {
             demonstrations: found,
             agent,
             evaluator: Evaluator::new(&config, seeded("eval-env"))?,
-            probe: probe(&config)?,
+            probing: probing(&config)?,
             replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
             moments: RunningMoments::new(spec.obs_size),
             scaling: ObservationScaling::identity(spec.obs_size),
@@ -275,7 +275,7 @@ impl Trainer {
         let mut sinks = Sinks {
             replay: &mut self.replay,
             moments: &mut self.moments,
-            reservoir: self.probe.as_mut().map(|(reservoir, _)| reservoir),
+            reservoir: self.probing.as_mut().map(|probing| &mut probing.reservoir),
         };
         let taken = self.experience.step(action, &mut sinks);
         self.clock.environment += started.elapsed();
@@ -391,7 +391,7 @@ impl Trainer {
             .then(|| telemetry::q_bias(agent, &seen, self.config.discount, scaling))
             .flatten();
         let mut imagined = None;
-        if let Some((reservoir, env)) = &mut self.probe {
+        if let Some(Probing { reservoir, env }) = &mut self.probing {
             if trained {
                 imagined = telemetry::measure(agent, reservoir, env.as_mut(), scaling);
             }
@@ -431,6 +431,9 @@ impl Trainer {
 
     fn save(&mut self, name: &str, step: u64) -> Result<(), TrainError> {
         let networks = self.agent.weights();
+        if !self.scaling.is_finite() {
+            return Err(self.not_finite(step, "the scaling of observations".to_owned()));
+        }
         if let Some(array) = networks.not_finite() {
             return Err(self.not_finite(step, format!("the array `{array}`")));
         }
@@ -472,13 +475,16 @@ impl Clock {
 }
 
 /// What imagined steps are measured with: none for methods that imagine no other actions.
-fn probe(config: &Config) -> Result<Option<(Reservoir, Box<dyn Replay>)>, TrainError> {
+fn probing(config: &Config) -> Result<Option<Probing>, TrainError> {
     let states = config.telemetry.states;
     if config.method.addition() != Addition::Imagination || states == 0 {
         return Ok(None);
     }
     let rng = stream(config.seed, "telemetry");
-    Ok(Some((Reservoir::new(states, rng), config.env()?)))
+    Ok(Some(Probing {
+        reservoir: Reservoir::new(states, rng),
+        env: config.env()?,
+    }))
 }
 
 /// What the method of `config` adds to its base, with a fresh model.
@@ -524,13 +530,7 @@ pub fn demonstrations(config: &Config) -> Result<Option<Demonstrations>, TrainEr
     }
     let env = config.env()?;
     let spec = env.spec();
-    let sizes = Sizes {
-        task: &spec.id,
-        nq: spec.nq,
-        nv: spec.nv,
-        action_size: spec.action_size,
-        action_limit: spec.action_limit,
-    };
+    let sizes = Sizes::of(spec);
     Ok(Some(Demonstrations::load(path, &sizes)?))
 }
 

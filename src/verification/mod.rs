@@ -8,6 +8,7 @@ mod error;
 mod replay;
 mod report;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::recording::Recording;
@@ -73,9 +74,11 @@ pub enum UnusableInput {
 /// If the directory cannot be read or holds no rollout (of the task).
 pub fn verify(directory: &Path, task: Option<&str>) -> Result<Report, UnusableInput> {
     let mut files = Vec::new();
-    collect(directory, &mut files).map_err(|source| UnusableInput::Directory {
-        path: directory.to_owned(),
-        source,
+    collect(directory, &mut BTreeSet::new(), &mut files).map_err(|source| {
+        UnusableInput::Directory {
+            path: directory.to_owned(),
+            source,
+        }
     })?;
     files.sort();
 
@@ -107,18 +110,27 @@ pub fn verify(directory: &Path, task: Option<&str>) -> Result<Report, UnusableIn
     Ok(report)
 }
 
-/// Appends the `.npz` files in `directory` and below, and `.json` settings without one.
-fn collect(directory: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+/// Appends the `.npz` files in `directory` and below, and `.json` settings without one. Links may lead
+/// round in circles: a directory that was `searched` already is passed over.
+fn collect(
+    directory: &Path,
+    searched: &mut BTreeSet<PathBuf>,
+    files: &mut Vec<PathBuf>,
+) -> std::io::Result<()> {
+    if !searched.insert(directory.canonicalize()?) {
+        return Ok(());
+    }
     for entry in std::fs::read_dir(directory)? {
         let path = entry?.path();
         if path.is_dir() {
-            collect(&path, files)?;
+            collect(&path, searched, files)?;
             continue;
         }
         let arrays = path.with_extension("npz");
         let is = |extension| path.extension().is_some_and(|e| e == extension);
         let orphan = is("json") && !arrays.exists() && Recording::settings(&arrays).is_ok();
-        if is("npz") || orphan {
+        // Reading a pipe would wait for ever.
+        if (is("npz") && path.is_file()) || orphan {
             files.push(arrays);
         }
     }

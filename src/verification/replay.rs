@@ -10,6 +10,7 @@ use crate::env::{
     self, MakeError, PenInertia, Recorded, Replay, Rules, Start, Step, VelocityReading,
 };
 use crate::recording::{Recording, RecordingError, Rows};
+use crate::replay::Sizes;
 
 /// Why a rollout cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -130,7 +131,13 @@ impl Summary {
     /// Whether the simulator reproduces the rollout, but for the steps in which something touched an
     /// approximate shape.
     pub fn within_tolerance(&self) -> bool {
-        self.differences.within(self.tolerance()) && self.diverged == 0
+        self.is_judged() && self.differences.within(self.tolerance()) && self.diverged == 0
+    }
+
+    /// Whether a step was compared at all: not where each touches an approximate shape, or none is
+    /// followed by a recorded state.
+    pub fn is_judged(&self) -> bool {
+        self.differences.qpos.largest().is_some()
     }
 
     /// Whether `other` is of the same task with the same figures.
@@ -250,7 +257,9 @@ impl<'a> Replayer<'a> {
         if rollout.desired_goal.is_some()
             && let Some(first) = rollout.qpos.get(0)
         {
-            let error = self.env.goal_error(first, &self.goal);
+            // Where objects settled tells the region only if they just did.
+            let begins = self.begins_with_reset();
+            let error = self.env.goal_error(first, &self.goal, begins);
             found.goal.add(error, 0.0, false);
         }
         if let (Some(qpos), Some(qvel)) = (&rollout.presettle_qpos, &rollout.presettle_qvel) {
@@ -269,7 +278,14 @@ impl<'a> Replayer<'a> {
                 found.settling.add_all(&self.observation, recorded, false);
             }
         }
-        self.file(&found);
+        self.file(&mut found);
+    }
+
+    /// Whether the first row is the state that a reset left.
+    fn begins_with_reset(&self) -> bool {
+        let time = row(&self.rollout.time, 0).map(|time| time[0]);
+        self.rollout.presettle_qpos.is_some()
+            || time.is_some_and(|time| time <= self.env.settling_time() + 1e-6)
     }
 
     fn compare_state(&self, errors: &mut Errors, qpos: &[f64], qvel: &[f64]) {
@@ -308,7 +324,7 @@ impl<'a> Replayer<'a> {
             self.compare_positions(&mut found, t + 1);
         }
         self.compare_rules(t, &before, action, &step);
-        self.file(&found);
+        self.file(&mut found);
     }
 
     /// The observation on which action `t` was taken, recorded or else simulated, in the form that
@@ -391,8 +407,11 @@ impl<'a> Replayer<'a> {
         }
     }
 
-    /// Puts what was found where it belongs: steps that touched an approximate shape are apart.
-    fn file(&mut self, found: &Differences) {
+    /// Puts what was found where it belongs: steps that touched an approximate shape are apart, but for
+    /// the commands, which depend on no shape.
+    fn file(&mut self, found: &mut Differences) {
+        let commands = std::mem::take(&mut found.ctrl);
+        self.summary.differences.ctrl.merge(&commands);
         if self.env.touched() {
             self.summary.touched += 1;
             self.summary.touched_differences.merge(found);
@@ -430,45 +449,15 @@ pub(crate) fn add_all_but(
 /// Makes sure that the rows are as long as the task's.
 pub(crate) fn check_columns(rollout: &Recording, env: &dyn Replay) -> Result<(), RecordingError> {
     let spec = env.spec();
-    // Recordings hold the goal once, beside the observations.
-    let obs_size = spec.obs_size - spec.goal_size;
-    rollout.expect_columns("action", &rollout.action, spec.action_size)?;
-    rollout.expect_columns("qpos", &rollout.qpos, spec.nq)?;
-    rollout.expect_columns("qvel", &rollout.qvel, spec.nv)?;
-    for (name, rows, columns) in [
-        ("qacc_warmstart", &rollout.qacc_warmstart, spec.nv),
-        ("ctrl", &rollout.ctrl, spec.action_size),
-        ("obs", &rollout.obs, obs_size),
-        ("achieved_goal", &rollout.achieved_goal, spec.goal_size),
-    ] {
-        if let Some(rows) = rows {
-            rollout.expect_columns(name, rows, columns)?;
-        }
-    }
+    Sizes::of(spec).check(rollout)?;
     // Without the goal neither rewards nor successes can be told.
     let goal_needed = rollout.reward.is_some() || rollout.success.is_some();
     if spec.goal_size > 0 && goal_needed && rollout.desired_goal.is_none() {
         return Err(rollout.missing("desired_goal"));
     }
-    for (name, numbers, length) in [
-        ("desired_goal", &rollout.desired_goal, spec.goal_size),
-        ("presettle_qpos", &rollout.presettle_qpos, spec.nq),
-        ("presettle_qvel", &rollout.presettle_qvel, spec.nv),
-        (
-            "presettle_qacc_warmstart",
-            &rollout.presettle_qacc_warmstart,
-            spec.nv,
-        ),
-        ("settle_ctrl", &rollout.settle_ctrl, spec.action_size),
-    ] {
-        if let Some(numbers) = numbers {
-            rollout.expect_length(name, numbers, length)?;
-        }
-    }
     Ok(())
 }
 
-/// Row `t` of an array that a recording may lack.
 pub(crate) fn row(rows: &Option<Rows>, t: usize) -> Option<&[f64]> {
     rows.as_ref().and_then(|rows| rows.get(t))
 }

@@ -99,6 +99,11 @@ impl Task for PenSpin {
 
 /// The rules of PenSpin. The simulator measures the tilt before its last physics step moved the pen;
 /// the observation holds the pen after it and the velocity of that step, so the step is undone here.
+///
+/// Nothing of the next observation is known beforehand: contacts change the pen's velocity within a
+/// control step. Integrating the mean of the velocities at both ends, which are not known either, misses
+/// the next quaternion by 0.009 (median over the published recordings, largest number), where it changes
+/// by 0.067.
 pub struct Spin {
     /// Seconds of a physics step.
     timestep: f64,

@@ -116,17 +116,35 @@ impl TwoHands {
         })
     }
 
-    /// Where goals lie, object by object, for objects that settled at `qpos`: the first one gets the
-    /// region whose centre is farther from it (in a tie the second), the second one the other.
-    fn regions(&self, qpos: &[f64]) -> impl Iterator<Item = &'static Region> {
+    /// The region of the first object's goal, for objects that settled at `qpos`: the one whose centre is
+    /// farther from it (in a tie the second).
+    fn first_region(&self, qpos: &[f64]) -> usize {
         let object = &qpos[self.indices.qpos(0)];
         let distances = self.layout.goals.each_ref().map(|region| {
             let centre = region.centre();
             (0..3).map(|i| (object[i] - centre[i]).powi(2)).sum::<f64>()
         });
-        let first = usize::from(distances[0] <= distances[1]);
+        usize::from(distances[0] <= distances[1])
+    }
+
+    /// Where goals lie, object by object, if the first one's lies in region `first`: the second one's
+    /// lies in the other.
+    fn regions(&self, first: usize) -> impl Iterator<Item = &'static Region> {
         let goals = &self.layout.goals;
         (first..).map(move |i| &goals[i % 2])
+    }
+
+    /// How far `goal` is from what can be drawn if the first object's goal lies in region `first`:
+    /// distance from the region, of the quaternion from unit length, or of its first number below 0.
+    fn distance_from_goals(&self, goal: &[f64], first: usize) -> f64 {
+        let goals = goal.chunks_exact(POSE).zip(self.regions(first));
+        let errors = goals.map(|(goal, region)| {
+            let outside = (0..3).map(|j| goal[j] - goal[j].clamp(region.low[j], region.high[j]));
+            let norm = goal[3..].iter().map(|x| x * x).sum::<f64>().sqrt();
+            let errors = outside.chain([norm - 1.0, goal[3].min(0.0)]);
+            errors.fold(0.0, |largest: f64, error| largest.max(error.abs()))
+        });
+        errors.fold(0.0, f64::max)
     }
 
     /// Object and goal poses.
@@ -205,7 +223,10 @@ impl Task for TwoHands {
     }
 
     fn draw_goal(&self, rng: &mut Stream, qpos: &[f64], goal: &mut [f64]) {
-        for (goal, region) in goal.chunks_exact_mut(POSE).zip(self.regions(qpos)) {
+        for (goal, region) in goal
+            .chunks_exact_mut(POSE)
+            .zip(self.regions(self.first_region(qpos)))
+        {
             let bounds = region.low.iter().zip(&region.high);
             for (x, (low, high)) in goal.iter_mut().zip(bounds) {
                 *x = uniform(rng, *low, *high);
@@ -216,16 +237,14 @@ impl Task for TwoHands {
         }
     }
 
-    /// Distance from the region, of the quaternion from unit length, or of its first number below 0.
-    fn goal_error(&self, qpos: &[f64], goal: &[f64]) -> f64 {
-        let goals = goal.chunks_exact(POSE).zip(self.regions(qpos));
-        let errors = goals.map(|(goal, region)| {
-            let outside = (0..3).map(|j| goal[j] - goal[j].clamp(region.low[j], region.high[j]));
-            let norm = goal[3..].iter().map(|x| x * x).sum::<f64>().sqrt();
-            let errors = outside.chain([norm - 1.0, goal[3].min(0.0)]);
-            errors.fold(0.0, |largest: f64, error| largest.max(error.abs()))
-        });
-        errors.fold(0.0, f64::max)
+    fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64 {
+        let first = self.first_region(qpos);
+        let drawn = self.distance_from_goals(goal, first);
+        if settled {
+            drawn
+        } else {
+            drawn.min(self.distance_from_goals(goal, 1 - first))
+        }
     }
 
     fn achieved_goal(&self, data: &Data, achieved: &mut [f64]) {
