@@ -3,17 +3,17 @@
 
 use burn::optim::{AdamConfig, GradientsParams};
 use criterion::{Criterion, criterion_group, criterion_main};
-use mamf::agent::{Agent, Augmentation, ImaginationDraws, ModelDraws, Sample};
-use mamf::config::{Addition, Config, Method};
+use mamf::agent::{ImaginationDraws, ModelDraws, Sample};
+use mamf::config::{Config, Method};
 use mamf::env;
-use mamf::imagination::{DynamicsModel, DynamicsShape, Imagination, World};
 use mamf::nn::{Backend, Learner, Mlp, RunningMoments, TrainableMlp, matrix};
 use mamf::parallel::{join, with_threads};
 use mamf::random::stream;
 use mamf::replay::{ReplayBuffer, Transition};
+use mamf::training::fresh_agent;
 use rand::RngExt;
 use std::hint::black_box;
-use std::sync::{Arc, mpsc};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 const TASK: &str = "HalfCheetah-v4";
@@ -25,39 +25,9 @@ fn updates(method: Method) -> impl FnMut() + Send {
     let (env, rules) = env::make(TASK).unwrap();
     let spec = env.spec().clone();
     let (obs_size, action_size, rows) = (spec.obs_size, spec.action_size, config.batch_size);
-    let device = config.compute.backend.device();
     let mut rng = stream(0, "bench");
 
-    let mut world = || {
-        let shape = DynamicsShape {
-            obs_size,
-            action_size,
-            known: rules.known(),
-            learns_reward: false,
-        };
-        let model = DynamicsModel::new(&config.model, shape, &mut rng, &device);
-        World::new(model, Arc::clone(&rules))
-    };
-    let augmentation = match method.addition() {
-        Addition::None => Augmentation::None,
-        Addition::Imagination => Augmentation::Imagination(Imagination::new(
-            &config.imagination,
-            spec.action_limit,
-            world(),
-        )),
-        Addition::Expansion => Augmentation::Expansion {
-            world: world(),
-            horizon: config.expansion.horizon,
-        },
-    };
-    let mut agent = Agent::new(
-        config.agent(&spec),
-        obs_size,
-        action_size,
-        augmentation,
-        &mut rng,
-        &device,
-    );
+    let mut agent = fresh_agent(&config, &spec, rules);
     agent.set_optimism(50.0);
 
     let mut replay = ReplayBuffer::new(STORED, obs_size, action_size);

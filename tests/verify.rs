@@ -287,6 +287,23 @@ fn a_rollout_may_begin_anywhere_in_an_episode() {
 }
 
 #[test]
+fn a_sparse_variant_may_be_recorded_with_either_reward() {
+    let dense = record("EggHandOver-v0", 6);
+    let sparse = record("EggHandOverSparse-v0", 6);
+    for arrays in [&dense, &sparse] {
+        let directory = tempfile::tempdir().unwrap();
+        write_rollout(directory.path(), "sparse", "EggHandOverSparse-v0", arrays);
+        let report = verify(directory.path(), None).unwrap();
+        assert!(report.passed(), "{report:?}");
+        assert_eq!(report.summaries[0].env, "EggHandOverSparse-v0");
+    }
+    // The other way round is wrong.
+    let directory = tempfile::tempdir().unwrap();
+    write_rollout(directory.path(), "dense", "EggHandOver-v0", &sparse);
+    assert!(!verify(directory.path(), None).unwrap().passed());
+}
+
+#[test]
 fn an_unknown_task_is_named() {
     let directory = tempfile::tempdir().unwrap();
     write_rollout(

@@ -14,4 +14,4 @@ pub use checkpoint::{Checkpoint, CheckpointError};
 pub use error::TrainError;
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator, Watch};
 pub use run_directory::{RunDirectory, RunDirectoryError};
-pub use trainer::{Monitor, Outcome, Status, Trainer, demonstrations};
+pub use trainer::{Monitor, Outcome, Status, Trainer, demonstrations, fresh_agent};

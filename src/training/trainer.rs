@@ -102,16 +102,7 @@ impl Trainer {
         let (env, rules) = (config.env()?, config.task_rules()?);
         let spec = env.spec().clone();
         let seeded = |name| stream(config.seed, name);
-        let device = config.compute.backend.device();
-
-        let agent = Agent::new(
-            config.agent(&spec),
-            spec.obs_size,
-            spec.action_size,
-            augmentation(&config, &spec, rules, &device),
-            &mut seeded("init"),
-            &device,
-        );
+        let agent = fresh_agent(&config, &spec, rules);
 
         let text = toml::to_string_pretty(&config).expect("a configuration is TOML");
         directory.write("config.toml", &text)?;
@@ -485,6 +476,19 @@ fn probing(config: &Config) -> Result<Option<Probing>, TrainError> {
         reservoir: Reservoir::new(states, rng),
         env: config.env()?,
     }))
+}
+
+/// The agent that `config` describes, for a task with sizes `spec`, before its first update.
+pub fn fresh_agent(config: &Config, spec: &Spec, rules: Arc<dyn Rules>) -> Agent {
+    let device = config.compute.backend.device();
+    Agent::new(
+        config.agent(spec),
+        spec.obs_size,
+        spec.action_size,
+        augmentation(config, spec, rules, &device),
+        &mut stream(config.seed, "init"),
+        &device,
+    )
 }
 
 /// What the method of `config` adds to its base, with a fresh model.

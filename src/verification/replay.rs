@@ -202,9 +202,10 @@ struct Replayer<'a> {
 
 impl<'a> Replayer<'a> {
     fn new(rollout: &'a Recording) -> Result<Self, ReplayError> {
-        let info = env::info(&rollout.env).map_err(MakeError::from)?;
+        let id = rewarded(rollout);
+        let info = env::info(&id).map_err(MakeError::from)?;
         let inertia = inertia(rollout);
-        let env = env::make_watched(&rollout.env, inertia)?;
+        let env = env::make_watched(&id, inertia)?;
         check_columns(rollout, env.as_ref())?;
         let recorded = env.recorded();
         let spec = env.spec();
@@ -214,8 +215,8 @@ impl<'a> Replayer<'a> {
         };
         Ok(Self {
             rollout,
-            start: env::rules(&rollout.env, VelocityReading::Start)?,
-            mean: env::rules(&rollout.env, VelocityReading::Mean)?,
+            start: env::rules(&id, VelocityReading::Start)?,
+            mean: env::rules(&id, VelocityReading::Mean)?,
             goal,
             observation: vec![0.0; spec.obs_size],
             env,
@@ -418,6 +419,18 @@ impl<'a> Replayer<'a> {
         } else {
             self.summary.differences.merge(found);
         }
+    }
+}
+
+/// The task whose rewards a rollout holds. One of a sparse variant may hold those of the dense task, beside
+/// `reward_sparse`; only they are positive, and the tasks are the same otherwise.
+fn rewarded(rollout: &Recording) -> String {
+    let mut rewards = (0..rollout.steps()).filter_map(|t| row(&rollout.reward, t)?.first());
+    match rollout.env.split_once("Sparse-v") {
+        Some((name, version)) if rewards.any(|reward| *reward > 0.0) => {
+            format!("{name}-v{version}")
+        }
+        _ => rollout.env.clone(),
     }
 }
 
