@@ -1,9 +1,7 @@
 //! The critics with their targets: values for targets, and steps.
 
 use super::AgentSettings;
-use crate::nn::{
-    Learner, Mlp, TrainableMlp, WeightError, Weights, column, matrix, side_by_side, to_vec,
-};
+use crate::nn::{Learner, Mlp, TrainableMlp, WeightError, Weights, column, matrix, to_vec};
 use crate::parallel::join;
 use crate::random::Stream;
 use burn::tensor::Device;
@@ -163,7 +161,7 @@ impl Critics {
 }
 
 impl CriticRows {
-    /// Appends `action` in `observed` (of this `width`), with target and weight, row by row.
+    /// Appends `action` in `observed` (of this `width`), with targets and one weight, row by row.
     pub fn extend(
         &mut self,
         observed: &[f32],
@@ -172,10 +170,18 @@ impl CriticRows {
         y: &[f32],
         weight: f32,
     ) {
-        let sa = action.len() / y.len();
-        let input = side_by_side(&[(observed, width), (action, sa)]);
-        self.input.extend(input);
-        self.y.extend_from_slice(y);
-        self.weight.resize(self.y.len(), weight);
+        let rows = observed.chunks_exact(width);
+        let rows = rows.zip(action.chunks_exact(action.len() / y.len()));
+        for ((observed, action), y) in rows.zip(y) {
+            self.push(observed, action, *y, weight);
+        }
+    }
+
+    /// Appends one row.
+    pub fn push(&mut self, observed: &[f32], action: &[f32], y: f32, weight: f32) {
+        self.input.extend_from_slice(observed);
+        self.input.extend_from_slice(action);
+        self.y.push(y);
+        self.weight.push(weight);
     }
 }

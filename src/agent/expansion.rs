@@ -134,13 +134,9 @@ impl ExpandedTargets {
             let (width, sa) = (position.observed.len() / n, position.action.len() / n);
             let weight = 1.0 / (n * self.positions.len()) as f32;
             for i in (0..n).filter(|&i| position.alive[i] > 0.0) {
-                rows.extend(
-                    &position.observed[i * width..][..width],
-                    width,
-                    &position.action[i * sa..][..sa],
-                    &position.y[i..=i],
-                    weight,
-                );
+                let observed = &position.observed[i * width..][..width];
+                let action = &position.action[i * sa..][..sa];
+                rows.push(observed, action, position.y[i], weight);
             }
         }
         rows

@@ -47,7 +47,7 @@ impl Agent {
         let disagreement = [first.values.disagreement, second.values.disagreement].concat();
         imagination.decay_noise();
         let uniform = &draws(sample).keep;
-        let kept = imagination.filter(&y_hat, y, &disagreement, uniform);
+        let kept = imagination.filters.keep(&y_hat, y, &disagreement, uniform);
         ImaginaryTargets {
             row_weight: imagination.row_weight(kept.rows.len(), batch.rows),
             action,
@@ -108,7 +108,7 @@ impl ImaginaryTargets {
         for &i in &self.kept.rows {
             let observed = &observed[i * width..][..width];
             let action = &self.action[i * sa..][..sa];
-            rows.extend(observed, width, action, &self.y_hat[i..=i], self.row_weight);
+            rows.push(observed, action, self.y_hat[i], self.row_weight);
         }
     }
 

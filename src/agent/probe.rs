@@ -35,10 +35,8 @@ impl Agent {
         let rows = self.imagine_rows(imagination, sample, &obs, &policy, all, scaling);
         let draws = sample.model.as_ref().and_then(|m| m.imagination.as_ref())?;
         // A copy of the filters: a look must not move the running maximum.
-        let kept =
-            imagination
-                .filters()
-                .keep(&rows.y_hat, &y, &rows.values.disagreement, &draws.keep);
+        let mut filters = imagination.filters;
+        let kept = filters.keep(&rows.y_hat, &y, &rows.values.disagreement, &draws.keep);
         Some(Probe {
             action: rows.action,
             next_obs: rows.imagined.next_obs,

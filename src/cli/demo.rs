@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use super::{FAILED, Misuse, tell};
+use super::{Episodes, FAILED, Misuse, tell};
 use crate::demonstration::{
     self, Description, EpisodeRecorder, Replayed, STORED_DIFFERENCE, UnusableRecording,
 };
@@ -37,20 +37,8 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct RecordArgs {
-    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
-    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
-    checkpoint: PathBuf,
-    /// Episodes to record: those that `mamf eval` runs with the same seed
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    episodes: u32,
-    /// Seed of the initial states
-    #[arg(
-        long,
-        value_name = "N",
-        allow_negative_numbers = true,
-        default_value_t = 0
-    )]
-    seed: u64,
+    #[command(flatten)]
+    which: Episodes,
     /// Directory for episode_0001.npz, episode_0001.json and so on; nothing in it is overwritten
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -96,19 +84,19 @@ impl Watch for Camera {
 }
 
 fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
-    let checkpoint = Checkpoint::load(&args.checkpoint)?;
+    let checkpoint = Checkpoint::load(&args.which.checkpoint)?;
     let config = &checkpoint.config;
     if config.doubled_actions.is_some() {
-        let path = args.checkpoint.display();
+        let path = args.which.checkpoint.display();
         let text = format!(
             "--checkpoint {path}: its actions are doubled; recordings hold those of the task itself"
         );
         return Err(Misuse(text).into());
     }
     // The stream of `mamf eval`, so that both run the same episodes.
-    let mut evaluator = Evaluator::new(config, stream(args.seed, "eval"))?;
+    let mut evaluator = Evaluator::new(config, stream(args.which.seed, "eval"))?;
     let policy = checkpoint.policy(evaluator.spec())?;
-    let episodes = args.episodes as usize;
+    let episodes = args.which.episodes as usize;
     make_room(&args.out, episodes)?;
 
     let (method, step) = (config.method.name(), checkpoint.step);
@@ -126,7 +114,7 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
                 if result.diverged {
                     diverged += 1;
                 } else {
-                    recorder.save(&stem(&args.out, episode), args.seed, episode)?;
+                    recorder.save(&stem(&args.out, episode), args.which.seed, episode)?;
                 }
                 say(&line(episode, &result));
             }

@@ -1,6 +1,6 @@
 //! `mamf eval`
 
-use super::Misuse;
+use super::{Episodes, Misuse};
 use crate::env;
 use crate::parallel::with_threads;
 use crate::random::stream;
@@ -14,20 +14,8 @@ use std::process::ExitCode;
 /// Arguments of `mamf eval`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
-    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
-    checkpoint: PathBuf,
-    /// Episodes of the deterministic policy
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    episodes: u32,
-    /// Seed of the initial states
-    #[arg(
-        long,
-        value_name = "N",
-        allow_negative_numbers = true,
-        default_value_t = 0
-    )]
-    seed: u64,
+    #[command(flatten)]
+    which: Episodes,
     /// Write one row an episode to this new file
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -37,17 +25,17 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let checkpoint = Checkpoint::load(&args.checkpoint)?;
+    let checkpoint = Checkpoint::load(&args.which.checkpoint)?;
     if let Some(task) = &args.task {
         env::info(task)?;
         checkpoint.require_task(task)?;
     }
-    let mut evaluator = Evaluator::new(&checkpoint.config, stream(args.seed, "eval"))?;
+    let mut evaluator = Evaluator::new(&checkpoint.config, stream(args.which.seed, "eval"))?;
     let policy = checkpoint.policy(evaluator.spec())?;
     let csv = args.csv.as_deref().map(create).transpose()?;
 
     let threads = checkpoint.config.compute.threads;
-    let episodes = args.episodes as usize;
+    let episodes = args.which.episodes as usize;
     let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
 
     report(&checkpoint, &evaluation)?;

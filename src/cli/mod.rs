@@ -13,6 +13,7 @@ use crate::replay::DemonstrationError;
 use crate::training::{CheckpointError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Exit code of a run that failed.
@@ -63,6 +64,25 @@ impl Cli {
             Command::Demo(args) => demo::run(&args),
         }
     }
+}
+
+/// Which episodes of which policy are run; the same options give the same episodes everywhere.
+#[derive(Debug, clap::Args)]
+struct Episodes {
+    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
+    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
+    checkpoint: PathBuf,
+    /// Episodes of the deterministic policy
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    episodes: u32,
+    /// Seed of the initial states
+    #[arg(
+        long,
+        value_name = "N",
+        allow_negative_numbers = true,
+        default_value_t = 0
+    )]
+    seed: u64,
 }
 
 /// A mistake of the user that has no type of its own.

@@ -11,7 +11,8 @@ pub struct Imagination {
     pub world: World,
     deviation: f64,
     noise: NoiseBound,
-    filters: Filters,
+    /// Which imaginary rows train the critics.
+    pub filters: Filters,
     loss_mean: ImaginaryLossMean,
 }
 
@@ -96,22 +97,6 @@ impl Imagination {
     pub fn running_max(&self) -> f32 {
         let filter = self.filters.uncertainty;
         filter.map_or(0.0, |filter| filter.running_max())
-    }
-
-    /// A copy of the filters as they are now.
-    pub fn filters(&self) -> Filters {
-        self.filters
-    }
-
-    /// Which rows train the critics; see [`keep`].
-    pub fn filter(
-        &mut self,
-        y_hat: &[f32],
-        y: &[f32],
-        disagreement: &[f32],
-        uniform: &[f32],
-    ) -> Kept {
-        self.filters.keep(y_hat, y, disagreement, uniform)
     }
 
     /// Weight of one kept row's squared error beside `rows` real ones (equation 10).
