@@ -1,4 +1,4 @@
-//! Doubled actions: a wrapper around any task (paper, section 5.4 and figure 3 c).
+//! Doubled actions: a wrapper around any task (paper, section 5.5 and figure 3 c).
 
 use std::sync::Arc;
 
