@@ -235,7 +235,7 @@ fn check_task(path: &Path, found: &str, sizes: &Sizes<'_>) -> Result<(), Demonst
 }
 
 /// The id of a task without the mark of its sparse variant: `PenSparse-v0` becomes `Pen-v0`.
-fn dense(task: &str) -> String {
+pub fn dense(task: &str) -> String {
     match task.rsplit_once("-v") {
         Some((name, version)) => {
             let name = name.strip_suffix("Sparse").unwrap_or(name);

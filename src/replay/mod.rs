@@ -8,5 +8,5 @@ mod segments;
 
 pub use batch::Batch;
 pub use buffer::{ReplayBuffer, Transition};
-pub use demonstrations::{DemonstrationError, DemonstrationState, Demonstrations, Sizes};
+pub use demonstrations::{DemonstrationError, DemonstrationState, Demonstrations, Sizes, dense};
 pub use segments::{DemonstrationSettings, SegmentStart, Segments};

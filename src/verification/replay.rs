@@ -10,7 +10,7 @@ use crate::env::{
     self, MakeError, PenInertia, Recorded, Replay, Rules, Start, Step, VelocityReading,
 };
 use crate::recording::{Recording, RecordingError, Rows};
-use crate::replay::Sizes;
+use crate::replay::{Sizes, dense};
 
 /// Why a rollout cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -426,11 +426,10 @@ impl<'a> Replayer<'a> {
 /// `reward_sparse`; only they are positive, and the tasks are the same otherwise.
 fn rewarded(rollout: &Recording) -> String {
     let mut rewards = (0..rollout.steps()).filter_map(|t| row(&rollout.reward, t)?.first());
-    match rollout.env.split_once("Sparse-v") {
-        Some((name, version)) if rewards.any(|reward| *reward > 0.0) => {
-            format!("{name}-v{version}")
-        }
-        _ => rollout.env.clone(),
+    if rewards.any(|reward| *reward > 0.0) {
+        dense(&rollout.env)
+    } else {
+        rollout.env.clone()
     }
 }
 

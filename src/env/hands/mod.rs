@@ -29,6 +29,10 @@ use two_hands::{Handle, Reward, TwoHands};
 
 pub use scene::{HandScene, PenInertia};
 
+/// Joints of a hand without its mount.
+const HAND_JOINTS: usize = 24;
+/// Control steps for which objects settle in the hands.
+const SETTLING_STEPS: usize = 10;
 /// Physics steps of a control step.
 const FRAME_SKIP: usize = 20;
 /// Control steps of an episode.

@@ -8,10 +8,10 @@ use mujoco_rs::{Data, Model, Object};
 use super::layout::SPIN;
 use super::noise::add_normal;
 use super::pose::{POSE, Quaternion, product, rotation};
-use super::{Command, Recorded, Rules, Stream, Task, forearms};
+use super::{
+    Command, HAND_JOINTS as HAND, Recorded, Rules, SETTLING_STEPS, Stream, Task, forearms,
+};
 
-/// Joints of the hand.
-const HAND: usize = 24;
 /// The pen's spin, about its own x axis, in `qvel` and in the observation.
 const SPIN_QVEL: usize = HAND + 3;
 const SPIN_OBS: usize = 2 * HAND + 3;
@@ -28,8 +28,6 @@ const LENGTH: f64 = 0.2;
 const LOWEST_START: f64 = 0.04;
 /// Deviation of the pen's first position, in metres.
 const START_DEVIATION: f64 = 0.005;
-/// Control steps for which the pen settles in the hand.
-const SETTLING_STEPS: usize = 10;
 
 /// One hand and a pen, on MuJoCo.
 pub struct PenSpin {

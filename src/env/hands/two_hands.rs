@@ -9,10 +9,9 @@ use super::layout::{Beginning, Layout, POISED, Region};
 use super::noise::uniform;
 use super::pose::{POSE, distance, product, random_rotation};
 use super::scene::Object;
-use super::{Command, Recorded, Rules, Stream, Task, forearms};
+use super::{Command, HAND_JOINTS, Recorded, Rules, SETTLING_STEPS, Stream, Task, forearms};
 
-/// Joints of a hand without its mount, and of a moving mount.
-const HAND_JOINTS: usize = 24;
+/// Joints of a moving mount.
 const MOUNT_JOINTS: usize = 6;
 /// Velocity of a free body: linear in the world, angular in its own frame.
 const TWIST: usize = 6;
@@ -20,9 +19,6 @@ const TWIST: usize = 6;
 /// Success is a distance below these, in metres and radians.
 const POSITION_THRESHOLD: f64 = 0.01;
 const ROTATION_THRESHOLD: f64 = 0.1;
-
-/// Control steps for which the object settles in the hand.
-const SETTLING_STEPS: usize = 10;
 
 /// Which reward a task gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
