@@ -3,6 +3,7 @@
 use super::*;
 use crate::config::Method;
 use crate::env::{Env, EnvState, Spec, Start, StateMismatch, Step};
+use crate::files::Files;
 use crate::replay::Transition;
 
 struct Notes(Vec<String>);
