@@ -335,7 +335,10 @@ mod tests {
 
     #[test]
     fn names_beside_a_path() {
-        assert_eq!(beside(Path::new("a/b.toml"), "new"), Path::new("a/b.toml.new"));
+        assert_eq!(
+            beside(Path::new("a/b.toml"), "new"),
+            Path::new("a/b.toml.new")
+        );
         assert_eq!(parent(Path::new("b")), Path::new("."));
         assert_eq!(parent(Path::new("a/b")), Path::new("a"));
     }

@@ -1,9 +1,7 @@
 //! The critics with their targets: values for targets, and steps.
 
 use super::AgentSettings;
-use crate::nn::{
-    Learner, Memory, Mlp, TrainableMlp, WeightError, Weights, column, matrix, to_vec,
-};
+use crate::nn::{Learner, Memory, Mlp, TrainableMlp, WeightError, Weights, column, matrix, to_vec};
 use crate::parallel::join;
 use crate::random::Stream;
 use burn::tensor::Device;

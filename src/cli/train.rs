@@ -97,7 +97,9 @@ fn resume(
 ) -> anyhow::Result<ExitCode> {
     let directory = RunDirectory::open(path)?;
     if let Some(process) = directory.left_by() {
-        tell(&format!("note: process {process} left the run without ending it"));
+        tell(&format!(
+            "note: process {process} left the run without ending it"
+        ));
     }
     let options = ResumeOptions { overrides, force };
     match Trainer::resume(directory, &options, progress)? {
@@ -107,7 +109,10 @@ fn resume(
             Ok(ExitCode::SUCCESS)
         }
         Resumed::Run(trainer) => {
-            tell(&format!("replay buffer: {} when full", trainer.replay_memory()));
+            tell(&format!(
+                "replay buffer: {} when full",
+                trainer.replay_memory()
+            ));
             finish(*trainer, progress)
         }
     }
@@ -138,9 +143,14 @@ fn finish(trainer: Trainer, progress: &mut Progress) -> anyhow::Result<ExitCode>
             let (next, code) = if resumable {
                 ("go on with --resume", INTERRUPTED)
             } else {
-                ("it can be evaluated, but not resumed (checkpoint.replay = false)", FAILED)
+                (
+                    "it can be evaluated, but not resumed (checkpoint.replay = false)",
+                    FAILED,
+                )
             };
-            tell(&format!("interrupted after step {step}; saved {saved}; {next}"));
+            tell(&format!(
+                "interrupted after step {step}; saved {saved}; {next}"
+            ));
             Ok(ExitCode::from(code))
         }
     }

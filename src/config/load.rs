@@ -482,7 +482,10 @@ mod tests {
         for lines in 1..text.lines().count() {
             let cut: Vec<&str> = text.lines().take(lines).collect();
             std::fs::write(&path, cut.join("\n")).unwrap();
-            assert!(read_resolved(&path, &Overrides::default()).is_err(), "{lines} lines");
+            assert!(
+                read_resolved(&path, &Overrides::default()).is_err(),
+                "{lines} lines"
+            );
         }
     }
 

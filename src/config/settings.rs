@@ -162,7 +162,9 @@ impl Config {
     pub fn differences(&self, other: &Config) -> Vec<Difference> {
         let [here, there] = [self, other].map(super::load::values);
         let keys: BTreeSet<&String> = here.keys().chain(there.keys()).collect();
-        let differs = keys.into_iter().filter(|key| here.get(*key) != there.get(*key));
+        let differs = keys
+            .into_iter()
+            .filter(|key| here.get(*key) != there.get(*key));
         differs
             .map(|key| Difference {
                 key: key.clone(),

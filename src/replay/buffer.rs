@@ -197,10 +197,7 @@ impl ReplayBuffer {
         let stored = self.len();
         let rows = rows.min(stored);
         let next = self.next();
-        self.gather(
-            (1..=rows).map(|back| (next + stored - back) % stored),
-            rows,
-        )
+        self.gather((1..=rows).map(|back| (next + stored - back) % stored), rows)
     }
 
     fn gather(&self, indices: impl Iterator<Item = usize>, rows: usize) -> Batch {

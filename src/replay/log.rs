@@ -86,11 +86,7 @@ impl ReplayLog {
     ///
     /// # Errors
     /// When the system refuses.
-    pub fn append(
-        &mut self,
-        files: &Files,
-        buffer: &ReplayBuffer,
-    ) -> Result<Logged, FileError> {
+    pub fn append(&mut self, files: &Files, buffer: &ReplayBuffer) -> Result<Logged, FileError> {
         let stored = buffer.stored();
         let mut next = stored.start.max(self.chunks.last().map_or(0, Chunk::end));
         while next < stored.end {
@@ -175,7 +171,10 @@ impl ReplayLog {
         for chunk in &logged.chunks {
             let path = log.path(chunk.first);
             if chunk.first > next || chunk.end() <= next {
-                return Err(damaged(&path, format!("it does not hold transition {next}")));
+                return Err(damaged(
+                    &path,
+                    format!("it does not hold transition {next}"),
+                ));
             }
             log.checksummer = read_chunk(&path, chunk, next - chunk.first, buffer)?;
             next = chunk.end();

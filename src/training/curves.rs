@@ -3,9 +3,9 @@
 //! Wall-clock figures live in `timing.csv` alone, so that two runs of one seed are equal byte for
 //! byte in the other two. A figure that does not exist in a row is an empty field.
 
-use super::{DiskError, Evaluation};
 use super::manifest::Seal;
 use super::telemetry::ImaginedErrors;
+use super::{DiskError, Evaluation};
 use crate::agent::Figures;
 use crate::files::{FileError, Files};
 use serde::{Deserialize, Serialize};

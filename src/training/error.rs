@@ -58,7 +58,9 @@ pub enum TrainError {
     #[error(transparent)]
     Memory(#[from] NotEnoughMemory),
     /// The system does not give the memory of the replay buffer.
-    #[error("replay buffer, {memory}: the system does not give that much ({error}); lower replay.capacity")]
+    #[error(
+        "replay buffer, {memory}: the system does not give that much ({error}); lower replay.capacity"
+    )]
     Replay {
         /// What it takes.
         memory: ReplayMemory,
@@ -91,7 +93,9 @@ pub enum TrainError {
     )]
     NotResumable(PathBuf),
     /// A run is asked to end before where it is.
-    #[error("steps = {asked}: the run has taken {taken} steps already; at least {taken} would be right")]
+    #[error(
+        "steps = {asked}: the run has taken {taken} steps already; at least {taken} would be right"
+    )]
     StepsTaken {
         /// Steps that the checkpoint is after.
         taken: u64,

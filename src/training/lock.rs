@@ -90,7 +90,8 @@ impl Drop for RunLock {
 /// Whether `file` is what lies at `path`.
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
-    let same = |a: std::fs::Metadata, b: std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+    let same =
+        |a: std::fs::Metadata, b: std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
     let found = file.metadata().ok().zip(path.metadata().ok());
     found.is_some_and(|(a, b)| same(a, b))
 }

@@ -104,7 +104,9 @@ impl Build {
     pub fn other_processor(&self, now: &Build) -> Option<String> {
         let (then, now) = (self.processor.as_ref()?, now.processor.as_ref()?);
         (then != now).then(|| {
-            format!("the processor was {then} and is {now}: from here on figures may differ in rounding")
+            format!(
+                "the processor was {then} and is {now}: from here on figures may differ in rounding"
+            )
         })
     }
 }
@@ -185,7 +187,9 @@ mod tests {
     fn every_changed_byte_is_noticed_or_changes_nothing() {
         let files = [("a", &b"some"[..]), ("b", &b"more"[..])];
         let mut manifest = Manifest::new(7, files);
-        manifest.curves.insert("train.csv".into(), Seal::of(b"step\n"));
+        manifest
+            .curves
+            .insert("train.csv".into(), Seal::of(b"step\n"));
         let json = manifest.to_json().into_bytes();
         assert_eq!(Manifest::from_json(&json).unwrap(), manifest);
         for i in 0..json.len() {

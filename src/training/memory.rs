@@ -138,7 +138,11 @@ mod tests {
         assert!(memory.check_against(None).is_ok());
         let message = memory.check_against(Some(328_000_000)).unwrap_err();
         let message = message.to_string();
-        for part in ["replay.capacity", "1000000 transitions of 656 bytes", "at most 500000"] {
+        for part in [
+            "replay.capacity",
+            "1000000 transitions of 656 bytes",
+            "at most 500000",
+        ] {
             assert!(message.contains(part), "{message}");
         }
     }
@@ -147,7 +151,10 @@ mod tests {
     fn the_machine_tells_what_it_has() {
         let available = available().unwrap();
         assert!(available > 1 << 20, "{available}");
-        assert_eq!(figure("a: 1\nMemAvailable:   23 kB\n", "MemAvailable:"), Some(23));
+        assert_eq!(
+            figure("a: 1\nMemAvailable:   23 kB\n", "MemAvailable:"),
+            Some(23)
+        );
         assert_eq!(figure("MemFree: 1 kB", "MemAvailable:"), None);
     }
 }

@@ -38,7 +38,10 @@ impl Provenance {
         let mut run: Map<String, Value> = serde_json::from_str(json).unwrap_or_default();
         let resumed = Resumed { step, by: self };
         let resumed = serde_json::to_value(resumed).expect("plain data is JSON");
-        match run.entry("resumed").or_insert_with(|| Value::Array(Vec::new())) {
+        match run
+            .entry("resumed")
+            .or_insert_with(|| Value::Array(Vec::new()))
+        {
             Value::Array(list) => list.push(resumed),
             other => *other = Value::Array(vec![resumed]),
         }

@@ -206,6 +206,7 @@ impl RunDirectory {
     /// # Errors
     /// When the system refuses.
     pub fn write(&self, name: &str, contents: &str) -> Result<(), FileError> {
-        self.files.replace(&self.path.join(name), contents.as_bytes())
+        self.files
+            .replace(&self.path.join(name), contents.as_bytes())
     }
 }

@@ -3,9 +3,7 @@
 use super::{ActorBatch, ActorFigures, Base, NextOutput};
 use crate::agent::critics::Critics;
 use crate::agent::{AgentSettings, BaseAlgorithm, SmoothingSettings};
-use crate::nn::{
-    Coupling, Gradient, Learner, Memory, Mlp, WeightError, Weights, matrix, rows_of,
-};
+use crate::nn::{Coupling, Gradient, Learner, Memory, Mlp, WeightError, Weights, matrix, rows_of};
 use crate::parallel::halves;
 use burn::tensor::{Device, Tensor};
 

@@ -124,7 +124,11 @@ impl Checkpoint {
             return Checkpoint::load_directory(path);
         }
         let [last, previous] = ["last", "previous"].map(|name| checkpoints.join(name));
-        let found = if last.exists() { last.clone() } else { previous };
+        let found = if last.exists() {
+            last.clone()
+        } else {
+            previous
+        };
         if !found.is_dir() {
             // A run that has not saved its first one yet.
             return Err(CheckpointError::Missing(last));

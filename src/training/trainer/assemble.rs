@@ -133,9 +133,8 @@ pub(super) fn saved_agent(
     weights: &Weights,
 ) -> Result<Agent, WeightError> {
     let device: Device = config.compute.backend.device();
-    let model = |shape: DynamicsShape<'_>| {
-        DynamicsModel::load(&config.model, shape, weights, &device)
-    };
+    let model =
+        |shape: DynamicsShape<'_>| DynamicsModel::load(&config.model, shape, weights, &device);
     Agent::load(
         config.agent(spec),
         spec.obs_size,

@@ -16,9 +16,7 @@ use crate::training::experience::ExperienceState;
 use crate::training::manifest::{Build, Manifest, Seal};
 use crate::training::provenance::Provenance;
 use crate::training::telemetry::Reservoir;
-use crate::training::{
-    Checkpoint, DiskError, Monitor, ReplayMemory, RunDirectory, TrainError,
-};
+use crate::training::{Checkpoint, DiskError, Monitor, ReplayMemory, RunDirectory, TrainError};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -69,7 +67,11 @@ pub enum Resumed {
 const FREE: [&str; 2] = ["steps", "compute.threads"];
 /// Settings that may be changed with `--force`: no result depends on them, or, of the demonstrations, only
 /// on what lies there, which is compared.
-const HARMLESS: [&str; 3] = ["checkpoint.every", "checkpoint.replay", "demonstrations.path"];
+const HARMLESS: [&str; 3] = [
+    "checkpoint.every",
+    "checkpoint.replay",
+    "demonstrations.path",
+];
 
 impl Trainer {
     /// Saves `checkpoints/last`; the one before it becomes `checkpoints/previous`.
@@ -134,8 +136,7 @@ impl Trainer {
             return Err(self.not_finite(format!("the array `{array}`")));
         }
         let (config, scaling) = (&self.config, &self.scaling);
-        let contents =
-            Checkpoint::contents(config, self.step, self.last_return, networks, scaling);
+        let contents = Checkpoint::contents(config, self.step, self.last_return, networks, scaling);
         Ok(contents.expect("networks are of single precision"))
     }
 
@@ -188,7 +189,9 @@ impl Trainer {
             monitor.note("no checkpoint had been saved: the run begins again at step 0");
             let set = demonstrations(&config)?;
             let directory = directory.emptied()?;
-            return Ok(Resumed::Run(Box::new(Trainer::new(config, set, directory)?)));
+            return Ok(Resumed::Run(Box::new(Trainer::new(
+                config, set, directory,
+            )?)));
         }
         let previous = directory.checkpoint("previous");
         let (point, fallback) = match Point::read(&last, &directory, &config, &spec) {
@@ -232,11 +235,15 @@ impl Trainer {
 
     /// Removes from disk what was written after the checkpoint that the run goes on from, and notes in
     /// `run.json` that it does.
-    fn forget_what_came_after(&mut self, sealed: &BTreeMap<String, Seal>) -> Result<(), TrainError> {
+    fn forget_what_came_after(
+        &mut self,
+        sealed: &BTreeMap<String, Seal>,
+    ) -> Result<(), TrainError> {
         let files = self.directory.files();
         self.log.trim(files, self.replay.width())?;
         self.curves.cut(sealed)?;
-        self.directory.write("config.toml", &self.config.to_toml())?;
+        self.directory
+            .write("config.toml", &self.config.to_toml())?;
         let json = fs::read_to_string(self.directory.path().join("run.json")).unwrap_or_default();
         self.directory
             .write("run.json", &Provenance::here().after(&json, self.step))?;
@@ -245,7 +252,9 @@ impl Trainer {
 }
 
 fn manifest(step: u64, contents: &checkpoint::Contents) -> Manifest {
-    let files = contents.iter().map(|(name, bytes)| (*name, bytes.as_slice()));
+    let files = contents
+        .iter()
+        .map(|(name, bytes)| (*name, bytes.as_slice()));
     Manifest::new(step, files)
 }
 
@@ -335,7 +344,9 @@ impl Point {
                 continue;
             }
             harmless &= HARMLESS.contains(&difference.key.as_str());
-            let [then, now] = difference.values.map(|v| v.unwrap_or_else(|| "unset".into()));
+            let [then, now] = difference
+                .values
+                .map(|v| v.unwrap_or_else(|| "unset".into()));
             differences.push(format!("{}: {then} then, {now} now", difference.key));
         }
         if !differences.is_empty() && !(force && harmless) {
@@ -404,4 +415,15 @@ impl Point {
         trainer.saved = Some(trainer.directory.checkpoint("last"));
         Ok(trainer)
     }
+}
+
+/// Whether the run in `directory` could go on from the checkpoint at `path`.
+#[cfg(test)]
+pub(super) fn is_sound(
+    path: &Path,
+    directory: &RunDirectory,
+    config: &Config,
+    spec: &Spec,
+) -> Result<(), TrainError> {
+    Point::read(path, directory, config, spec).map(|_| ())
 }
