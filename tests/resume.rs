@@ -65,7 +65,17 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_method() {
         begin.extend(first.map(Into::into));
         assert_eq!(place.run(&begin).status.code(), Some(0));
         for (steps, threads) in [("200", "2"), ("265", "3"), ("300", "1"), ("400", "2")] {
-            resume(&place, "parts", &["--steps", steps, "--threads", threads]);
+            let arguments = [
+                "train",
+                "--resume",
+                "parts",
+                "--steps",
+                steps,
+                "--threads",
+                threads,
+            ];
+            let output = place.run(&arguments);
+            assert_eq!(output.status.code(), Some(0), "{output:?}");
         }
         assert_same(&place, "whole", "parts", method);
     }

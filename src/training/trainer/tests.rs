@@ -5,7 +5,10 @@ use crate::config::{Method, Overrides};
 use crate::env::{Env, EnvState, Spec, Start, StateMismatch, Step};
 use crate::files::Files;
 use crate::replay::Transition;
+use crate::training::manifest::Manifest;
+use proptest::prelude::*;
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 struct Notes(Vec<String>);
 
@@ -413,4 +416,69 @@ fn longer(steps: i64) -> Overrides {
     let mut overrides = Overrides::default();
     overrides.push(String::new(), "steps", steps);
     overrides
+}
+
+/// As if somebody had written `state.cbor` who also knows how to seal it.
+fn resealed(path: &Path, state: &[u8]) {
+    let last = path.join("checkpoints/last");
+    let sealed = crate::training::checkpoint::read_manifest(&last).unwrap();
+    std::fs::write(last.join("state.cbor"), state).unwrap();
+    let names: Vec<String> = sealed.files.keys().cloned().collect();
+    let contents: Vec<Vec<u8>> = names
+        .iter()
+        .map(|name| std::fs::read(last.join(name)).unwrap())
+        .collect();
+    let files = names
+        .iter()
+        .map(String::as_str)
+        .zip(contents.iter().map(Vec::as_slice));
+    let mut manifest = Manifest::new(sealed.step, files);
+    (manifest.replay, manifest.curves) = (sealed.replay, sealed.curves);
+    std::fs::write(last.join("manifest.json"), manifest.to_json()).unwrap();
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, cases: 100, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_forged_state_is_taken_or_refused(
+        flips in prop::collection::vec((any::<prop::sample::Index>(), 1..=255u8), 1..6),
+        cut in prop::option::of(any::<prop::sample::Index>()),
+    ) {
+        static RUN: OnceLock<tempfile::TempDir> = OnceLock::new();
+        let run = RUN.get_or_init(|| {
+            let directory = tempfile::tempdir().unwrap();
+            begin(&directory.path().join("run"), Files::default()).unwrap();
+            directory
+        });
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run");
+        let original = run.path().join("run");
+        let mut names = vec![PathBuf::new()];
+        while let Some(name) = names.pop() {
+            let from = original.join(&name);
+            if from.is_dir() {
+                std::fs::create_dir_all(path.join(&name)).unwrap();
+                let entries = std::fs::read_dir(&from).unwrap();
+                names.extend(entries.map(|entry| name.join(entry.unwrap().file_name())));
+            } else {
+                std::fs::copy(&from, path.join(&name)).unwrap();
+            }
+        }
+        std::fs::remove_dir_all(path.join("checkpoints/previous")).unwrap();
+        let mut state = std::fs::read(path.join("checkpoints/last/state.cbor")).unwrap();
+        for (index, bits) in flips {
+            let i = index.index(state.len());
+            state[i] ^= bits;
+        }
+        if let Some(cut) = cut {
+            state.truncate(cut.index(state.len()));
+        }
+        resealed(&path, &state);
+        let options = ResumeOptions { overrides: longer(70), force: false };
+        let directory = RunDirectory::open(&path).unwrap();
+        if let Err(error) = Trainer::resume(directory, &options, &mut Notes(Vec::new())) {
+            prop_assert!(error.to_string().contains("state.cbor"), "{error}");
+        }
+    }
 }
