@@ -12,6 +12,7 @@ pub mod parallel;
 pub mod random;
 pub mod recording;
 pub mod replay;
+pub mod sweep;
 pub mod training;
 pub mod verification;
 

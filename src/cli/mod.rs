@@ -4,12 +4,14 @@ mod demo;
 mod envs;
 mod eval;
 mod progress;
+mod sweep;
 mod train;
 mod verify;
 
 use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
 use crate::replay::DemonstrationError;
+use crate::sweep::SweepError;
 use crate::training::{CheckpointError, LockError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -40,6 +42,8 @@ pub struct Cli {
 enum Command {
     /// Train a policy: learning curves and checkpoints in a run directory
     Train(train::Args),
+    /// Make all runs of an experiment: configurations, variants and seeds of one file
+    Sweep(sweep::Args),
     /// Evaluate the policy of a checkpoint
     Eval(eval::Args),
     /// List the tasks, or show one in detail
@@ -58,6 +62,7 @@ impl Cli {
     pub fn run(self) -> anyhow::Result<ExitCode> {
         match self.command {
             Command::Train(args) => train::run(&args),
+            Command::Sweep(args) => sweep::run(&args),
             Command::Eval(args) => eval::run(&args),
             Command::Envs(args) => envs::run(&args),
             Command::Verify(args) => verify::run(&args),
@@ -113,6 +118,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.is::<UnknownTask>()
             || matches!(cause.downcast_ref(), Some(MakeError::Unknown(_)))
             || cause.is::<Misuse>()
+            || cause.is::<SweepError>()
             || cause
                 .downcast_ref::<RunDirectoryError>()
                 .is_some_and(is_misuse_of_directory)
