@@ -18,20 +18,21 @@ program="${PROGRAM:-target/release/mamf}"
 place="$(mktemp -d)"
 trap 'rm -rf "$place"' EXIT
 
-train() {
-  "$program" train --config "$config" --steps "$steps" --out "$1" --set random_steps=1000 \
-    --set model_start=500 --set evaluation.every=500 --set evaluation.episodes=2 \
-    --set checkpoint.every=150 --set replay.capacity=2500 2>>"$place/log"
+# The words of a new run into $1.
+begin() {
+  words=(train --config "$config" --steps "$steps" --out "$1" --set random_steps=1000 --set model_start=500
+    --set evaluation.every=500 --set evaluation.episodes=2 --set checkpoint.every=150 --set replay.capacity=2500)
 }
-resume() { "$program" train --resume "$1" 2>>"$place/log"; }
 names() { (cd "$1" && find . -type f | sort); }
 
-train "$place/whole" >/dev/null
+begin "$place/whole"
+"$program" "${words[@]}" >/dev/null 2>>"$place/log"
 for round in $(seq "$rounds"); do
   run="$place/round-$round"
   kills=0
   while true; do
-    if [ -e "$run/config.toml" ]; then resume "$run" & else train "$run" & fi >/dev/null
+    if [ -e "$run/config.toml" ]; then words=(train --resume "$run"); else begin "$run"; fi
+    "$program" "${words[@]}" >/dev/null 2>>"$place/log" &
     child=$!
     sleep "$(awk -v seed="$RANDOM" -v longest="$longest" 'BEGIN { srand(seed); print 0.05 + rand() * longest }')"
     case $((RANDOM % 6)) in 0) signal=TERM ;; 1) signal=INT ;; 2) signal=USR1 ;; *) signal=KILL ;; esac
@@ -40,7 +41,7 @@ for round in $(seq "$rounds"); do
     wait "$child" || code=$?
     case $code in
       0) break ;;
-      75 | 137) ;; # saved at a signal, or killed
+      75 | 130 | 137 | 138 | 143) ;; # saved at a signal, or killed, or by a signal before it could be heard
       *) echo "round $round: exit code $code after $kills signals" >&2; tail -n 3 "$place/log" >&2; exit 1 ;;
     esac
   done

@@ -21,8 +21,10 @@ fn assert_same(place: &Place, expected: &str, found: &str, about: &str) {
     for file in SAME {
         let [expected, found] =
             [expected, found].map(|run| fs::read(place.path(&format!("{run}/{file}"))));
-        let same = expected.unwrap_or_default() == found.unwrap_or_default();
-        assert!(same, "{about}: {file} differs");
+        assert!(
+            expected.unwrap() == found.unwrap(),
+            "{about}: {file} differs"
+        );
     }
 }
 
@@ -158,6 +160,36 @@ fn what_cannot_be_resumed_is_refused() {
     fs::create_dir(place.path("empty")).unwrap();
     place.refuse(2, &["train", "--resume", "empty"], &["empty: no run"]);
     place.train("reacher", "run", &["steps=250"]);
+    // A checkpoint is no run, and neither is a directory that only holds a configuration.
+    for name in ["last", "previous", "best"] {
+        let checkpoint = format!("run/checkpoints/{name}");
+        place.refuse(
+            2,
+            &["train", "--resume", &checkpoint],
+            &["this is a checkpoint"],
+        );
+    }
+    fs::create_dir(place.path("mine")).unwrap();
+    fs::copy(
+        place.path("run/config.toml"),
+        place.path("mine/config.toml"),
+    )
+    .unwrap();
+    place.write("mine/train.csv", "my own");
+    place.refuse(2, &["train", "--resume", "mine"], &["mine: no run"]);
+    // Checkpoints that were there are not made again from the first step on.
+    place.copy("run", "lost");
+    for name in ["last", "previous"] {
+        fs::remove_dir_all(place.path(&format!("lost/checkpoints/{name}"))).unwrap();
+    }
+    let parts = [
+        "lost: the curves go to step 200",
+        "due at step 50",
+        "bring checkpoints/last",
+    ];
+    place.refuse(2, &["train", "--resume", "lost"], &parts);
+    fs::remove_dir_all(place.path("lost/checkpoints")).unwrap();
+    place.refuse(2, &["train", "--resume", "lost"], &["lost: no run"]);
     for more in [
         &["--config", "run/config.toml"][..],
         &["--set", "seed=1"],
@@ -195,8 +227,18 @@ fn what_cannot_be_resumed_is_refused() {
     place.train("reacher", "whole", &["steps=300"]);
     assert_same(&place, "whole", "run", "with other checkpoints");
 
-    let manifest = place.read("run/checkpoints/last/manifest.json");
-    assert!(manifest.contains("\"mamf\": \"0.1.0\""));
+    // Whether it could be resumed is no small matter.
+    let config = place.read("run/config.toml");
+    place.write(
+        "run/config.toml",
+        config.replacen("replay = true", "replay = false", 1),
+    );
+    let longer = ["train", "--resume", "run", "--steps", "310", "--force"];
+    place.refuse(
+        2,
+        &longer,
+        &["checkpoint.replay: true then", "--force does not help"],
+    );
 }
 
 #[test]
@@ -251,7 +293,7 @@ fn other_demonstrations_are_noticed() {
         fs::copy(from, place.path(&format!("demos/second.{ending}"))).unwrap();
     }
     let longer = ["train", "--resume", "run", "--steps", "220"];
-    place.refuse(1, &longer, &["demonstrations are not those"]);
+    place.refuse(2, &longer, &["not the demonstrations that the run began"]);
     for ending in ["npz", "json"] {
         fs::remove_file(place.path(&format!("demos/second.{ending}"))).unwrap();
     }
@@ -294,8 +336,7 @@ fn endless(place: &Place, run: &str, settings: &[&str]) -> Child {
     let mut child = begin(place, &small_run("hopper", run, &settings));
     wait_for(|| {
         assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-        let rows = fs::read_to_string(place.path(&format!("{run}/eval.csv")));
-        rows.is_ok_and(|text| text.lines().count() >= 5)
+        place.path(&format!("{run}/checkpoints/previous")).exists()
     });
     child
 }
@@ -327,20 +368,98 @@ fn each_signal_saves_a_run_that_goes_on_as_if_nothing_had_been() {
     assert!(messages(&output).contains("not resumed"), "{output:?}");
 }
 
+/// A run that is busy with its first evaluation for hours.
+fn evaluating(place: &Place, run: &str) -> Child {
+    let child = begin(
+        place,
+        &small_run("hopper", run, &["evaluation.episodes=100000"]),
+    );
+    wait_for(|| place.path(&format!("{run}/timing.csv")).exists());
+    child
+}
+
 #[test]
 fn a_second_interrupt_ends_a_run_at_once_and_harms_nothing() {
     let place = Place::new();
-    let child = endless(&place, "run", &[]);
-    for _ in 0..20 {
-        let kill = format!("kill -INT {} 2>&1", child.id());
-        Command::new("sh").args(["-c", &kill]).output().unwrap();
+    let mut child = evaluating(&place, "run");
+    signal(&child, "INT");
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(
+        child.try_wait().unwrap().is_none(),
+        "the first one waits for the step"
+    );
+    let started = Instant::now();
+    signal(&child, "INT");
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(started.elapsed() < Duration::from_secs(5));
+    // Another signal before does not count.
+    let mut child = evaluating(&place, "other");
+    for name in ["TERM", "USR1", "INT"] {
+        signal(&child, name);
+        std::thread::sleep(Duration::from_millis(100));
     }
-    let output = child.wait_with_output().unwrap();
-    let code = output.status.code();
-    assert!(code == Some(130) || code == Some(75), "{output:?}");
-    let step = saved_step(&place, "run") + 10;
-    let output = place.run(&["train", "--resume", "run", "--steps", &step.to_string()]);
+    assert!(child.try_wait().unwrap().is_none());
+    signal(&child, "INT");
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+
+    // In the middle of saving, again and again.
+    for _ in 0..5 {
+        let child = endless(&place, "often", &["checkpoint.every=1"]);
+        let twice = format!("kill -INT {0}; kill -INT {0}", child.id());
+        Command::new("sh").args(["-c", &twice]).output().unwrap();
+        let output = child.wait_with_output().unwrap();
+        let code = output.status.code();
+        assert!(code == Some(130) || code == Some(75), "{output:?}");
+        let step = (saved_step(&place, "often") + 5).to_string();
+        let output = place.run(&["train", "--resume", "often", "--steps", &step]);
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        fs::remove_dir_all(place.path("often")).unwrap();
+    }
+}
+
+#[test]
+fn a_signal_that_comes_before_the_first_step_is_heard() {
+    let place = Place::new();
+    // Many transitions to be read take a while.
+    let settings = [
+        "steps=600000",
+        "random_steps=1000000",
+        "model_start=1000000",
+    ];
+    let settings = [
+        &settings[..],
+        &["evaluation.every=1000000", "checkpoint.every=600000"],
+    ]
+    .concat();
+    let output = place.run(&small_run(
+        "reacher",
+        "run",
+        &[&settings[..], &["method=td3"]].concat(),
+    ));
     assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let arguments = ["train", "--resume", "run", "--steps", "700000"].map(String::from);
+    let child = begin(&place, &arguments);
+    wait_for(|| place.path("run/run.lock").exists());
+    signal(&child, "USR1");
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(75), "{output:?}");
+    assert_eq!(saved_step(&place, "run"), 600_001);
+}
+
+#[test]
+fn a_run_can_be_evaluated_while_it_saves() {
+    let place = Place::new();
+    let mut child = endless(
+        &place,
+        "run",
+        &["checkpoint.every=1", "evaluation.every=100000"],
+    );
+    for _ in 0..40 {
+        place.succeed(&["eval", "--checkpoint", "run", "--episodes", "1"]);
+    }
+    assert!(child.try_wait().unwrap().is_none());
+    child.kill().unwrap();
+    child.wait().unwrap();
 }
 
 fn saved_step(place: &Place, run: &str) -> u64 {
@@ -478,6 +597,48 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before_it() {
             fs::remove_dir_all(place.path("again")).unwrap();
         }
     }
+}
+
+#[test]
+fn a_finished_run_that_cannot_be_written_to_is_finished_all_the_same() {
+    let place = Place::new();
+    place.train("reacher", "run", &[]);
+    // A directory in the place of the lock: whoever wants to write fails.
+    fs::create_dir(place.path("run/run.lock")).unwrap();
+    let said = place.succeed(&["train", "--resume", "run"]);
+    assert_eq!(said, "finished already, 400 steps: run\n");
+    let longer = ["train", "--resume", "run", "--steps", "410"];
+    place.refuse(1, &longer, &["run/run.lock"]);
+}
+
+#[test]
+fn force_removes_a_run_and_nothing_else_and_only_for_a_run_that_can_begin() {
+    let place = Place::new();
+    place.train("reacher", "run", &[]);
+    place.copy("run/checkpoints/best", "run/checkpoints/my-backup");
+    place.write("run/checkpoints/notes.txt", "mine");
+    let mut again = small_run("reacher", "run", &["steps=210"]);
+    again.push("--force".into());
+    place.succeed(&again);
+    assert!(
+        place
+            .path("run/checkpoints/my-backup/weights.safetensors")
+            .exists()
+    );
+    assert_eq!(place.read("run/checkpoints/notes.txt"), "mine");
+    assert!(
+        !place
+            .path("run/checkpoints/replay/000000000400.f32")
+            .exists()
+    );
+    // Killed between the files that a run begins with, it is still known for what it is.
+    fs::remove_file(place.path("run/run.json")).unwrap();
+    place.refuse(
+        2,
+        &small_run("reacher", "run", &[]),
+        &["--force", "--resume"],
+    );
+    place.succeed(&again);
 }
 
 #[test]

@@ -151,6 +151,18 @@ impl Agent {
         weights
     }
 
+    /// Name of a network of which a parameter, or its second moment, was not finite after some step.
+    pub fn not_finite(&self) -> Option<&'static str> {
+        let world = self.augmentation.world();
+        let networks = [
+            ("actor", self.base.is_finite()),
+            ("critics", self.critics.are_finite()),
+            ("model", world.is_none_or(|world| world.model.is_finite())),
+        ];
+        let wrong = networks.into_iter().find(|(_, finite)| !finite);
+        wrong.map(|(name, _)| name)
+    }
+
     /// What training goes on from beside the [`weights`](Agent::weights): the moments of all optimisers,
     /// counters, and what imagination remembers.
     pub fn memory(&self) -> Memory {

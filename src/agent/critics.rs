@@ -84,6 +84,11 @@ impl Critics {
         }
     }
 
+    /// Whether all parameters and second moments have been finite after every step.
+    pub fn are_finite(&self) -> bool {
+        self.learners.iter().all(Learner::is_finite)
+    }
+
     /// Remembers what the optimisers go on from.
     pub fn save_optimizers(&self, memory: &mut Memory) {
         for (i, critic) in self.learners.iter().enumerate() {

@@ -138,6 +138,7 @@ fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
         RunDirectoryError::Exists(_)
             | RunDirectoryError::NotARun(_)
             | RunDirectoryError::NoRun(_)
+            | RunDirectoryError::IsACheckpoint(_)
             | RunDirectoryError::Locked(LockError::Held { .. })
     )
 }
@@ -152,6 +153,8 @@ fn is_misuse_of_training(error: &TrainError) -> bool {
         TrainError::Memory(_)
         | TrainError::Changed { .. }
         | TrainError::NotResumable(_)
+        | TrainError::OtherDemonstrations(_)
+        | TrainError::CheckpointsMissing { .. }
         | TrainError::StepsTaken { .. } => true,
         // The files of a run are not the user's words, but options are.
         TrainError::Config(error) => matches!(error, ConfigError::WrongValue { .. }),

@@ -2,7 +2,7 @@
 
 use super::tell;
 use crate::config::Config;
-use crate::training::{Monitor, Status};
+use crate::training::{Monitor, ReplayMemory, Status};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -61,6 +61,10 @@ impl Monitor for Progress {
                 self.bar.set_message(format!("return {return_mean:.1}"));
             }
         }
+    }
+
+    fn memory(&mut self, memory: &ReplayMemory) {
+        tell(&format!("replay buffer: {memory} when full"));
     }
 
     fn note(&mut self, message: &str) {

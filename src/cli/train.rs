@@ -4,7 +4,8 @@ use super::progress::Progress;
 use super::{FAILED, INTERRUPTED, tell};
 use crate::config::{self, Overrides};
 use crate::training::{
-    self, Outcome, ReplayMemory, ResumeOptions, Resumed, RunDirectory, TrainError, Trainer,
+    self, LockError, Monitor, Outcome, ReplayMemory, ResumeOptions, Resumed, RunDirectory,
+    RunDirectoryError, TrainError, Trainer,
 };
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
@@ -47,6 +48,8 @@ pub struct Args {
 /// Trains to the end, or until the first signal, which saves a checkpoint; a second interrupt ends the
 /// process at once.
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    // First, so that a signal that comes early is not lost.
+    let stop = stop_at_signals()?;
     let mut overrides = Overrides::default();
     for set in &args.set {
         overrides.set(set)?;
@@ -61,14 +64,37 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     }
     let mut progress = Progress::new();
-    match (&args.resume, &args.config) {
-        (Some(path), _) => resume(path, overrides, args.force, &mut progress),
+    let trainer = match (&args.resume, &args.config) {
+        (Some(path), _) => match resume(path, overrides, args.force, &mut progress)? {
+            Resumed::Run(trainer) => *trainer,
+            Resumed::Finished(steps) => {
+                let path = path.display();
+                writeln!(std::io::stdout(), "finished already, {steps} steps: {path}")?;
+                return Ok(ExitCode::SUCCESS);
+            }
+        },
         (None, Some(config)) => {
             let out = args.out.as_deref();
-            begin(config, &overrides, out, args.force, &mut progress)
+            begin(config, &overrides, out, args.force, &mut progress)?
         }
         (None, None) => unreachable!("one of both is required"),
+    };
+    finish(trainer, &mut progress, &stop)
+}
+
+/// A flag that SIGINT, SIGTERM and SIGUSR1 set. A second SIGINT ends the process at once.
+fn stop_at_signals() -> std::io::Result<Arc<AtomicBool>> {
+    let (stop, interrupted) = (
+        Arc::new(AtomicBool::new(false)),
+        Arc::new(AtomicBool::new(false)),
+    );
+    // In this order: the first interrupt finds its flag unset and only sets it.
+    flag::register_conditional_shutdown(SIGINT, 128 + SIGINT, Arc::clone(&interrupted))?;
+    flag::register(SIGINT, interrupted)?;
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        flag::register(signal, Arc::clone(&stop))?;
     }
+    Ok(stop)
 }
 
 fn begin(
@@ -77,16 +103,18 @@ fn begin(
     out: Option<&Path>,
     force: bool,
     progress: &mut Progress,
-) -> anyhow::Result<ExitCode> {
+) -> anyhow::Result<Trainer> {
     let config = config::read(file, overrides)?;
     let path = out.map_or_else(|| RunDirectory::default_path(&config), Path::to_owned);
-    // First, so that what can't be had leaves no run directory behind.
     let demonstrations = training::demonstrations(&config)?;
     let memory = ReplayMemory::of(&config, config.env()?.spec());
     memory.check().map_err(TrainError::from)?;
-    let directory = RunDirectory::create(&path, force)?;
-    tell(&format!("replay buffer: {memory} when full"));
-    finish(Trainer::new(config, demonstrations, directory)?, progress)
+    let directory = || {
+        let directory = RunDirectory::create(&path, force)?;
+        progress.memory(&memory);
+        Ok(directory)
+    };
+    Ok(Trainer::new(config, demonstrations, directory)?)
 }
 
 fn resume(
@@ -94,43 +122,34 @@ fn resume(
     overrides: Overrides,
     force: bool,
     progress: &mut Progress,
-) -> anyhow::Result<ExitCode> {
-    let directory = RunDirectory::open(path)?;
+) -> anyhow::Result<Resumed> {
+    let directory = match RunDirectory::open(path) {
+        // Nothing need be written to a finished run.
+        Err(error @ RunDirectoryError::Locked(LockError::File(_))) => {
+            let finished = Trainer::finished(path, &overrides);
+            return finished.map(Resumed::Finished).ok_or(error.into());
+        }
+        directory => directory?,
+    };
     if let Some(process) = directory.left_by() {
         tell(&format!(
             "note: process {process} left the run without ending it"
         ));
     }
     let options = ResumeOptions { overrides, force };
-    match Trainer::resume(directory, &options, progress)? {
-        Resumed::Finished(steps) => {
-            let path = path.display();
-            writeln!(std::io::stdout(), "finished already, {steps} steps: {path}")?;
-            Ok(ExitCode::SUCCESS)
-        }
-        Resumed::Run(trainer) => {
-            tell(&format!(
-                "replay buffer: {} when full",
-                trainer.replay_memory()
-            ));
-            finish(*trainer, progress)
-        }
-    }
+    Ok(Trainer::resume(directory, &options, progress)?)
 }
 
-/// Runs to the end, or until a signal.
-fn finish(trainer: Trainer, progress: &mut Progress) -> anyhow::Result<ExitCode> {
-    let stop = Arc::new(AtomicBool::new(false));
-    // In this order: the first signal finds the flag unset and only sets it.
-    flag::register_conditional_shutdown(SIGINT, 128 + SIGINT, Arc::clone(&stop))?;
-    for signal in [SIGINT, SIGTERM, SIGUSR1] {
-        flag::register(signal, Arc::clone(&stop))?;
-    }
-
+/// Runs to the end, or until `stop`.
+fn finish(
+    trainer: Trainer,
+    progress: &mut Progress,
+    stop: &AtomicBool,
+) -> anyhow::Result<ExitCode> {
     progress.begin(trainer.config(), trainer.step());
     let path = trainer.path().to_owned();
     let resumable = trainer.config().checkpoint.replay;
-    let outcome = trainer.run(progress, &stop);
+    let outcome = trainer.run(progress, stop);
     progress.finish();
     match outcome? {
         Outcome::Finished => {
@@ -143,10 +162,8 @@ fn finish(trainer: Trainer, progress: &mut Progress) -> anyhow::Result<ExitCode>
             let (next, code) = if resumable {
                 ("go on with --resume", INTERRUPTED)
             } else {
-                (
-                    "it can be evaluated, but not resumed (checkpoint.replay = false)",
-                    FAILED,
-                )
+                let reason = "it can be evaluated, but not resumed (checkpoint.replay = false)";
+                (reason, FAILED)
             };
             tell(&format!(
                 "interrupted after step {step}; saved {saved}; {next}"

@@ -120,6 +120,11 @@ impl DynamicsModel {
         self.learner.mlp().save("model", weights);
     }
 
+    /// Whether all parameters and second moments have been finite after every step.
+    pub fn is_finite(&self) -> bool {
+        self.learner.is_finite()
+    }
+
     /// Remembers what the optimiser goes on from.
     pub fn save_optimizer(&self, memory: &mut Memory) {
         self.learner.save_optimizer("model", memory);

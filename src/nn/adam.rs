@@ -21,6 +21,8 @@ pub struct Adam {
     steps: i32,
     /// First and second moments of each parameter.
     moments: Vec<Moments>,
+    /// Whether all parameters and second moments were finite after every step.
+    finite: bool,
 }
 
 /// Adam for a single number.
@@ -86,6 +88,7 @@ impl Adam {
             learning_rate: learning_rate as f32,
             steps: 0,
             moments: Vec::new(),
+            finite: true,
         }
     }
 
@@ -95,7 +98,14 @@ impl Adam {
             learning_rate: self.learning_rate,
             steps: 0,
             moments: Vec::new(),
+            finite: true,
         }
+    }
+
+    /// Whether all parameters and second moments have been finite after every step. An infinite moment lets its
+    /// parameter stand still, which no loss would tell.
+    pub fn is_finite(&self) -> bool {
+        self.finite
     }
 
     /// Remembers the number of steps as `<name>.steps`, and the moments of each array of `mlp`, which is
@@ -147,8 +157,12 @@ impl Adam {
             second_scale: (1.0 / correction(BETA_2).sqrt()) as f32,
             parameters: Box::new(self.moments.iter_mut().zip(copy.parameters_mut())),
             gradients,
+            finite: true,
         };
-        module.map(&mut mapper)
+        let module = module.map(&mut mapper);
+        let finite = mapper.finite;
+        self.finite &= finite;
+        module
     }
 }
 
@@ -168,6 +182,8 @@ struct Mapper<'a> {
     /// Moments and copy of each parameter, in the order in which the module visits them.
     parameters: Box<dyn Iterator<Item = (&'a mut Moments, &'a mut Vec<f32>)> + 'a>,
     gradients: Vec<GradientsParams>,
+    /// Whether all parameters and second moments are finite so far.
+    finite: bool,
 }
 
 impl ModuleMapper for Mapper<'_> {
@@ -188,11 +204,12 @@ impl ModuleMapper for Mapper<'_> {
         moments.first.resize(gradient.len(), 0.0);
         moments.second.resize(gradient.len(), 0.0);
         let (step_size, second_scale) = (self.step_size, self.second_scale);
+        let finite = &mut self.finite;
         param.map(|tensor| {
             let device = tensor.device();
             let mut data = tensor.without_autodiff().into_data();
             let parameter = data.as_mut_slice::<f32>().expect("single precision");
-            descend(
+            *finite &= descend(
                 parameter,
                 gradient,
                 &mut moments.first,
@@ -207,7 +224,7 @@ impl ModuleMapper for Mapper<'_> {
 }
 
 /// The step of one parameter, compiled for several instruction sets. None of them contracts
-/// products and sums, so all give the same bits.
+/// products and sums, so all give the same bits. Whether all parameters and second moments are finite.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
 fn descend(
     parameter: &mut [f32],
@@ -216,11 +233,18 @@ fn descend(
     second: &mut [f32],
     step_size: f32,
     second_scale: f32,
-) {
+) -> bool {
+    // All bits of the exponent are set in infinities and NaNs. An "or" of integers, unlike a sum or a branch, is
+    // taken of many numbers at once.
+    const EXPONENT: u32 = 0x7f80_0000;
+    let odd = |x: f32| u32::from(x.to_bits() & EXPONENT == EXPONENT);
+    let mut any_odd = 0;
     let moments = first.iter_mut().zip(second);
     for ((p, g), (m, v)) in parameter.iter_mut().zip(gradient).zip(moments) {
         *m = BETA_1 * *m + (1.0 - BETA_1) * g;
         *v = BETA_2 * *v + (1.0 - BETA_2) * g * g;
         *p -= step_size * *m / (v.sqrt() * second_scale + EPSILON);
+        any_odd |= odd(*v) | odd(*p);
     }
+    any_odd == 0
 }

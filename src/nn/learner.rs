@@ -44,6 +44,11 @@ impl Learner {
         &self.device
     }
 
+    /// Whether all parameters and second moments have been finite after every step.
+    pub fn is_finite(&self) -> bool {
+        self.adam.is_finite()
+    }
+
     /// Remembers what the optimiser of the network saved as `name` goes on from.
     pub fn save_optimizer(&self, name: &str, memory: &mut Memory) {
         self.adam.save(name, &self.mlp, memory);

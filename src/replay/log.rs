@@ -12,8 +12,8 @@ use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Transitions a chunk holds at most.
-const CHUNK_ROWS: u64 = 65_536;
+/// Transitions a chunk holds at most; few in tests of this crate, so that small runs have several.
+const CHUNK_ROWS: u64 = if cfg!(test) { 16 } else { 65_536 };
 /// Bytes that are read or written at a time.
 const PIECE: usize = 1 << 20;
 
@@ -78,6 +78,14 @@ impl ReplayLog {
             directory: directory.to_owned(),
             chunks: Vec::new(),
             checksummer: Checksummer::default(),
+        }
+    }
+
+    /// The log in `directory` as it was when a checkpoint said `logged`, to be [trimmed](ReplayLog::trim).
+    pub fn of(directory: &Path, logged: &Logged) -> ReplayLog {
+        ReplayLog {
+            chunks: logged.chunks.clone(),
+            ..ReplayLog::new(directory)
         }
     }
 
@@ -164,8 +172,7 @@ impl ReplayLog {
         logged: &Logged,
         buffer: &mut ReplayBuffer,
     ) -> Result<ReplayLog, ReplayLogError> {
-        let mut log = ReplayLog::new(directory);
-        log.chunks.clone_from(&logged.chunks);
+        let mut log = ReplayLog::of(directory, logged);
         let mut next = buffer.stored_of(logged.pushed).start;
         buffer.skip_to(next);
         for chunk in &logged.chunks {
@@ -184,6 +191,14 @@ impl ReplayLog {
             return Err(damaged(directory, reason));
         }
         Ok(log)
+    }
+
+    /// Has the log keep the chunks of an `older` checkpoint too, until they are [pruned](ReplayLog::prune).
+    pub fn keep(&mut self, older: &Logged) {
+        let first = self.chunks.first().map_or(u64::MAX, |chunk| chunk.first);
+        let before = |chunk: &&Chunk| chunk.first < first;
+        let kept: Vec<Chunk> = older.chunks.iter().filter(before).cloned().collect();
+        self.chunks.splice(0..0, kept);
     }
 
     /// Cuts off and removes what was written after the checkpoint that the log was read for.
@@ -318,10 +333,10 @@ mod tests {
             let sample = |b: &ReplayBuffer| b.sample(20, &mut crate::random::stream(1, "replay"));
             assert!(written.is_empty() || sample(&read) == sample(&written));
         }
-        // More than the ring holds was pushed in between: two chunks with a gap.
-        assert_eq!(names(&path), ["000000000000.f32", "000000000203.f32"]);
+        // More than the ring holds was pushed in between: a gap.
+        assert!(names(&path).contains(&"000000000203.f32".to_owned()));
         log.trim(&files, written.width()).unwrap();
-        assert_eq!(names(&path), ["000000000203.f32"]);
+        assert_eq!(names(&path)[0], "000000000203.f32");
     }
 
     #[test]
@@ -340,27 +355,60 @@ mod tests {
         let log = ReplayLog::read(&path, &first, &mut read).unwrap();
         assert_eq!(read.newest(CAPACITY), then);
         log.trim(&files, read.width()).unwrap();
-        assert_eq!(names(&path), ["000000000000.f32"]);
-        let length = fs::metadata(path.join("000000000000.f32")).unwrap().len();
-        assert_eq!(length, bytes(30, read.width()));
+        assert_eq!(names(&path), ["000000000000.f32", "000000000016.f32"]);
+        let length = fs::metadata(path.join("000000000016.f32")).unwrap().len();
+        assert_eq!(length, bytes(14, read.width()));
     }
 
     #[test]
     fn chunks_are_of_limited_length() {
+        const CAPACITY: usize = 3 * CHUNK_ROWS as usize;
         let directory = tempfile::tempdir().unwrap();
-        let mut written = ReplayBuffer::new(200_000, 2, 1);
+        let mut written = ReplayBuffer::new(CAPACITY, 2, 1);
         push(&mut written, CHUNK_ROWS + 5);
         let mut log = ReplayLog::new(directory.path());
         let logged = log.append(&Files::default(), &written).unwrap();
         let rows: Vec<u64> = logged.chunks.iter().map(|chunk| chunk.rows).collect();
         assert_eq!(rows, [CHUNK_ROWS, 5]);
-        let mut read = ReplayBuffer::new(200_000, 2, 1);
+        let mut read = ReplayBuffer::new(CAPACITY, 2, 1);
         ReplayLog::read(directory.path(), &logged, &mut read).unwrap();
-        assert_eq!(read.newest(200_000), written.newest(200_000));
+        assert_eq!(read.newest(CAPACITY), written.newest(CAPACITY));
         log.prune(&Files::default(), CHUNK_ROWS - 1).unwrap();
         assert_eq!(names(directory.path()).len(), 2);
         log.prune(&Files::default(), CHUNK_ROWS).unwrap();
-        assert_eq!(names(directory.path()), ["000000065536.f32"]);
+        assert_eq!(names(directory.path()), [format!("{CHUNK_ROWS:012}.f32")]);
+    }
+
+    #[test]
+    fn chunks_that_only_an_older_checkpoint_needs_are_kept_until_they_are_pruned() {
+        let directory = tempfile::tempdir().unwrap();
+        let (files, path) = (Files::default(), directory.path().join("replay"));
+        let (mut written, mut log) = (buffer(), ReplayLog::new(&path));
+        push(&mut written, 60);
+        let older = log.append(&files, &written).unwrap();
+        let then = written.newest(CAPACITY);
+        push(&mut written, 30);
+        let newer = log.append(&files, &written).unwrap();
+        assert!(newer.chunks[0].first > older.chunks[0].first);
+        push(&mut written, 20);
+        log.append(&files, &written).unwrap();
+
+        let mut read = buffer();
+        let mut log = ReplayLog::read(&path, &newer, &mut read).unwrap();
+        log.keep(&older);
+        log.trim(&files, read.width()).unwrap();
+        let mut old = buffer();
+        ReplayLog::read(&path, &older, &mut old).unwrap();
+        assert_eq!(old.newest(CAPACITY), then);
+        log.prune(&files, read.stored().start).unwrap();
+        assert!(ReplayLog::read(&path, &older, &mut buffer()).is_err());
+        ReplayLog::read(&path, &newer, &mut buffer()).unwrap();
+        // The log goes on where it was cut.
+        push(&mut read, 40);
+        let newest = log.append(&files, &read).unwrap();
+        let mut again = buffer();
+        ReplayLog::read(&path, &newest, &mut again).unwrap();
+        assert_eq!(again.newest(CAPACITY), read.newest(CAPACITY));
     }
 
     #[test]

@@ -194,14 +194,13 @@ fn ended(status: ExitStatus, log: &Path) -> Ended {
     }
 }
 
-/// Asks a process to save and end. Those that share our terminal may have heard the interrupt already, and take a
-/// second one for an order to end at once: hence the other signal.
+/// Asks a process to save and end. Those that share our terminal may have heard its interrupt already, and would
+/// take a second one for an order to end at once: hence another signal.
 fn interrupt(child: &Child) {
-    let pid = child.id().to_string();
-    let killed = Command::new("kill")
-        .args(["-TERM", &pid])
+    let kill = format!("kill -TERM {}", child.id());
+    // A process that is gone need not be asked.
+    let _ = Command::new("sh")
+        .args(["-c", &kill])
         .stderr(Stdio::null())
         .status();
-    // A process that is gone need not be asked.
-    let _ = killed;
 }

@@ -242,12 +242,14 @@ impl Curves {
             })
         };
         let [train, eval, timing] = FILES;
-        Ok(Curves {
+        let curves = Curves {
             train: create(train)?,
             eval: create(eval)?,
             timing: create(timing)?,
             files: files.clone(),
-        })
+        };
+        files.sync_dir(directory)?;
+        Ok(curves)
     }
 
     /// Opens the files in the run directory, to go on after what is sealed of each once they are

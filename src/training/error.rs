@@ -6,6 +6,7 @@ use crate::env::MakeError;
 use crate::files::FileError;
 use crate::replay::DemonstrationError;
 use std::collections::TryReserveError;
+use std::io::ErrorKind;
 use std::path::PathBuf;
 
 /// Why a run ended badly.
@@ -75,7 +76,7 @@ pub enum TrainError {
         if *harmless {
             "this need not change results; --force goes on all the same"
         } else {
-            "this would change the results of the run: undo it, or train anew with --out"
+            "undo this, or train anew with --out: --force does not help"
         }
     )]
     Changed {
@@ -86,6 +87,25 @@ pub enum TrainError {
         /// Whether going on can be forced.
         harmless: bool,
     },
+    /// A run that had saved checkpoints has none.
+    #[error(
+        "{}: the curves go to step {reached}, but there is no checkpoint, although one was due at step {due}; \
+         bring checkpoints/last back, or train anew with --out",
+        path.display()
+    )]
+    CheckpointsMissing {
+        /// The run directory.
+        path: PathBuf,
+        /// Step of the last evaluation.
+        reached: u64,
+        /// Step of the first checkpoint.
+        due: u64,
+    },
+    /// The demonstrations are not those that a run was saved with.
+    #[error(
+        "demonstrations.path = {0:?}: these are not the demonstrations that the run began with"
+    )]
+    OtherDemonstrations(String),
     /// A run was not saved to go on from.
     #[error(
         "{}: the run was made with checkpoint.replay = false: it can be evaluated, but not resumed",
@@ -138,13 +158,15 @@ pub enum DiskError {
 }
 
 impl TrainError {
-    /// Whether a checkpoint is damaged or can't be read, so that an older one may serve.
+    /// Whether a checkpoint is damaged or lacks a file, so that an older one may serve. What the system refuses to
+    /// read may be readable another time.
     pub(super) fn is_damage(&self) -> bool {
         use CheckpointError::{Damaged, File, Missing};
-        matches!(
-            self,
-            TrainError::Checkpoint(Damaged { .. } | File(_) | Missing(_))
-        )
+        match self {
+            TrainError::Checkpoint(Damaged { .. } | Missing(_)) => true,
+            TrainError::Checkpoint(File(error)) => error.error.kind() == ErrorKind::NotFound,
+            _ => false,
+        }
     }
 }
 

@@ -4,9 +4,13 @@ use crate::files::{FileError, Files};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Name of the lock in a run directory.
 pub(super) const LOCK: &str = "run.lock";
+
+/// Time between two looks at a lock whose holder has not named itself yet.
+const PAUSE: Duration = Duration::from_millis(10);
 
 /// Why a run can't be locked.
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +48,7 @@ impl RunLock {
     pub fn take(directory: &Path) -> Result<RunLock, LockError> {
         let path = directory.join(LOCK);
         let at = |error| LockError::File(FileError::at(&path)(error));
+        let mut patience = 50;
         loop {
             let mut options = OpenOptions::new();
             options.read(true).write(true).create(true).truncate(false);
@@ -61,6 +66,12 @@ impl RunLock {
                 Err(TryLockError::Error(error)) => return Err(at(error)),
             };
             if held {
+                // Its holder may be about to write the file.
+                if holder.is_empty() && patience > 0 {
+                    patience -= 1;
+                    std::thread::sleep(PAUSE);
+                    continue;
+                }
                 return Err(LockError::Held { path, holder });
             }
             // Its holder may have removed the file since it was opened: then it is no lock any more.
@@ -69,8 +80,8 @@ impl RunLock {
             }
             let me = format!("{} on {}\n", std::process::id(), host());
             file.rewind().map_err(at)?;
-            file.set_len(0).map_err(at)?;
             file.write_all(me.as_bytes()).map_err(at)?;
+            file.set_len(me.len() as u64).map_err(at)?;
             return Ok(RunLock {
                 path,
                 _file: file,

@@ -5,6 +5,7 @@ use crate::files::Checksum;
 use crate::replay::Logged;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 /// Name of the manifest in a checkpoint.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -71,6 +72,8 @@ pub(super) struct Manifest {
 pub(super) struct Build {
     mamf: String,
     commit: Option<String>,
+    /// Of the program's file.
+    program: Option<Checksum>,
     mujoco: String,
     processor: Option<String>,
 }
@@ -78,9 +81,14 @@ pub(super) struct Build {
 impl Build {
     /// This one.
     pub fn here() -> Build {
+        static PROGRAM: OnceLock<Option<Checksum>> = OnceLock::new();
         Build {
             mamf: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("MAMF_COMMIT").map(str::to_owned),
+            program: *PROGRAM.get_or_init(|| {
+                let file = std::fs::read(std::env::current_exe().ok()?).ok()?;
+                Some(Checksum::of(&file))
+            }),
             mujoco: mujoco_rs::version_string(),
             processor: provenance::processor(),
         }
@@ -95,9 +103,14 @@ impl Build {
             ("version of MuJoCo", self.mujoco.clone(), now.mujoco.clone()),
         ];
         let differs = pairs.into_iter().filter(|(_, then, now)| then != now);
-        differs
+        let mut differences: Vec<String> = differs
             .map(|(what, then, now)| format!("{what}: {then} then, {now} now"))
-            .collect()
+            .collect();
+        let programs = self.program.zip(now.program);
+        if differences.is_empty() && programs.is_some_and(|(then, now)| then != now) {
+            differences.push("mamf: another build of the same commit".to_owned());
+        }
+        differences
     }
 
     /// Says so if the processor is another one `now`.
@@ -230,5 +243,9 @@ mod tests {
         assert_eq!(differences.len(), 1);
         assert!(differences[0].contains("0.0.1 now"), "{differences:?}");
         assert!(here.other_processor(&here).is_none());
+        let mut rebuilt = here.clone();
+        rebuilt.program = Some(Checksum::of(b"another program"));
+        let differences = here.differences(&rebuilt);
+        assert!(differences[0].contains("another build"), "{differences:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::lock::{LOCK, LockError, RunLock};
 use crate::config::Config;
-use crate::files::{FileError, Files};
+use crate::files::{FileError, Files, parent};
 use std::ffi::OsStr;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -30,10 +30,13 @@ pub enum RunDirectoryError {
     NotARun(PathBuf),
     /// There is nothing to resume.
     #[error(
-        "{}: no run to resume here (expected a run directory, with config.toml); `mamf train --config FILE` begins one",
+        "{}: no run to resume here (expected a run directory, with config.toml and checkpoints/); `mamf train --config FILE` begins one",
         .0.display()
     )]
     NoRun(PathBuf),
+    /// A checkpoint instead of its run.
+    #[error("{}: this is a checkpoint; --resume takes the directory of its run, two folders above", .0.display())]
+    IsACheckpoint(PathBuf),
     /// Another process works on it.
     #[error(transparent)]
     Locked(#[from] LockError),
@@ -42,13 +45,19 @@ pub enum RunDirectoryError {
     File(#[from] FileError),
 }
 
-/// What a run writes beside its checkpoints.
-const FILES: [&str; 5] = [
-    "config.toml",
-    "run.json",
-    "train.csv",
-    "eval.csv",
-    "timing.csv",
+/// What a run writes beside its checkpoints, but for `config.toml` and `run.json`.
+const CURVES: [&str; 3] = ["train.csv", "eval.csv", "timing.csv"];
+
+/// What a run writes to the directory of its checkpoints.
+const CHECKPOINTS: [&str; 8] = [
+    "last",
+    "last.new",
+    "previous",
+    "previous.old",
+    "best",
+    "best.new",
+    "best.old",
+    "replay",
 ];
 
 /// Whether nothing lies in the directory `path`, or only what a process leaves that ended before its run
@@ -64,6 +73,25 @@ fn is_vacant(path: &Path) -> std::io::Result<bool> {
             || name == "checkpoints" && is_empty(&path.join(name))
     };
     Ok(entries.all(|entry| entry.is_ok_and(|entry| leftover(&entry.file_name()))))
+}
+
+/// Whether a run was begun in the directory `path`.
+fn is_run(path: &Path) -> bool {
+    let config = path.join("config.toml").is_file();
+    config && (path.join("run.json").is_file() || path.join("checkpoints").is_dir())
+}
+
+/// Makes the directory `path`, and waits until its name and those of the new ones above it outlive a loss of power.
+fn create_synced(files: &Files, path: &Path) -> Result<(), FileError> {
+    let missing: Vec<&Path> = path
+        .ancestors()
+        .take_while(|above| !above.exists())
+        .collect();
+    files.create_dir(path)?;
+    missing
+        .into_iter()
+        .filter(|above| !above.as_os_str().is_empty())
+        .try_for_each(|above| files.sync_dir(parent(above)))
 }
 
 fn is_empty(directory: &Path) -> bool {
@@ -111,24 +139,20 @@ impl RunDirectory {
         if !vacant && !force {
             return Err(RunDirectoryError::Exists(path.to_owned()));
         }
-        let is_run = || {
-            let mut names = ["config.toml", "run.json"].iter();
-            names.all(|name| path.join(name).is_file())
-        };
-        if !vacant && !is_run() {
+        if !vacant && !is_run(path) {
             return Err(RunDirectoryError::NotARun(path.to_owned()));
         }
-        std::fs::create_dir_all(path).map_err(io)?;
+        create_synced(&files, path)?;
         let directory = RunDirectory {
             path: path.to_owned(),
             lock: RunLock::take(path)?,
             files,
         };
-        for name in FILES {
-            directory.files.remove(&path.join(name))?;
+        // Another process may have begun a run here in the meantime.
+        if !force && !is_vacant(path).map_err(io)? {
+            return Err(RunDirectoryError::Exists(path.to_owned()));
         }
-        directory.files.remove(&directory.checkpoints())?;
-        directory.files.create_dir(&directory.checkpoints())?;
+        directory.empty()?;
         Ok(directory)
     }
 
@@ -145,7 +169,10 @@ impl RunDirectory {
     /// # Errors
     /// As [`open`](RunDirectory::open).
     pub fn open_on(files: Files, path: &Path) -> Result<RunDirectory, RunDirectoryError> {
-        if !path.join("config.toml").is_file() {
+        if path.join("manifest.json").exists() || path.join("weights.safetensors").exists() {
+            return Err(RunDirectoryError::IsACheckpoint(path.to_owned()));
+        }
+        if !path.join("config.toml").is_file() || !path.join("checkpoints").is_dir() {
             return Err(RunDirectoryError::NoRun(path.to_owned()));
         }
         Ok(RunDirectory {
@@ -155,15 +182,16 @@ impl RunDirectory {
         })
     }
 
-    /// The directory without what a run wrote that had not saved anything to go on from.
-    pub(super) fn emptied(self) -> Result<RunDirectory, FileError> {
-        for name in ["train.csv", "eval.csv", "timing.csv"] {
+    /// Removes what a run wrote, and nothing else that may lie there. `config.toml` and `run.json` stay until they are
+    /// replaced, so that at any moment it can be told that this is the directory of a run.
+    pub(super) fn empty(&self) -> Result<(), FileError> {
+        for name in CURVES {
             self.files.remove(&self.path.join(name))?;
         }
-        self.files.remove(&self.checkpoint("best"))?;
-        self.files.remove(&self.replay())?;
-        self.files.create_dir(&self.checkpoints())?;
-        Ok(self)
+        for name in CHECKPOINTS {
+            self.files.remove(&self.checkpoint(name))?;
+        }
+        self.files.create_dir(&self.checkpoints())
     }
 
     /// The directory itself.

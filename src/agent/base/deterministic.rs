@@ -87,6 +87,10 @@ impl Base for Deterministic {
         self.target.save("target_actor", weights);
     }
 
+    fn is_finite(&self) -> bool {
+        self.actor.is_finite()
+    }
+
     fn remember(&self, memory: &mut Memory) {
         self.actor.save_optimizer("actor", memory);
     }

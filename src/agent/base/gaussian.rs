@@ -182,6 +182,10 @@ impl Base for Gaussian {
         weights.insert("log_temperature".to_owned(), log_temperature);
     }
 
+    fn is_finite(&self) -> bool {
+        self.actor.is_finite() && self.log_temperature.is_finite()
+    }
+
     fn remember(&self, memory: &mut Memory) {
         self.actor.save_optimizer("actor", memory);
         // The weights hold it in single precision.

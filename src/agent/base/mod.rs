@@ -72,6 +72,9 @@ pub(super) trait Base: Send + Sync {
     /// Adds all its networks to `weights`.
     fn save(&self, weights: &mut Weights);
 
+    /// Whether all parameters and second moments have been finite after every step.
+    fn is_finite(&self) -> bool;
+
     /// Remembers what training goes on from beside the networks.
     fn remember(&self, memory: &mut Memory);
 

@@ -7,7 +7,7 @@
 
 mod store;
 
-pub(super) use store::{recover, stand, write};
+pub(super) use store::{recover, set_aside, stand, standing, write};
 
 use super::manifest::{MANIFEST, Manifest};
 use crate::agent::Policy;
@@ -19,9 +19,15 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The networks and the observation scaling.
 pub(super) const WEIGHTS: &str = "weights.safetensors";
+/// Times that a checkpoint may be replaced while it is read.
+const MOST_CHANGES: usize = 20;
+/// Time for a run to put its new checkpoint in place.
+const PAUSE: Duration = Duration::from_millis(20);
+
 const CONFIG: &str = "config.toml";
 const STATE: &str = "checkpoint.json";
 
@@ -114,24 +120,34 @@ impl Checkpoint {
     }
 
     /// Loads a checkpoint, or the `last` one of a run directory; its `previous` one where a crash came
-    /// between the two.
+    /// between the two. A run may go on saving meanwhile.
     ///
     /// # Errors
     /// When there is none, a file is damaged, or it is of another task than the run directory says.
     pub fn load(path: &Path) -> Result<Checkpoint, CheckpointError> {
-        let checkpoints = path.join("checkpoints");
-        if path.join(WEIGHTS).exists() || !checkpoints.is_dir() {
+        let manifest = || fs::read(newest(path).join(MANIFEST)).ok();
+        let mut before = manifest();
+        for _ in 0..MOST_CHANGES {
+            let loaded = Checkpoint::load_once(path);
+            let after = manifest();
+            // Files of two checkpoints do not fit together: a run has put a new one in place.
+            if loaded.is_ok() || (before == after && before.is_some()) {
+                return loaded;
+            }
+            std::thread::sleep(PAUSE);
+            before = after;
+        }
+        Checkpoint::load_once(path)
+    }
+
+    fn load_once(path: &Path) -> Result<Checkpoint, CheckpointError> {
+        let found = newest(path);
+        if found == path {
             return Checkpoint::load_directory(path);
         }
-        let [last, previous] = ["last", "previous"].map(|name| checkpoints.join(name));
-        let found = if last.exists() {
-            last.clone()
-        } else {
-            previous
-        };
         if !found.is_dir() {
             // A run that has not saved its first one yet.
-            return Err(CheckpointError::Missing(last));
+            return Err(CheckpointError::Missing(found));
         }
         let checkpoint = Checkpoint::load_directory(&found)?;
         let expected = read_config(&path.join(CONFIG))?;
@@ -226,6 +242,16 @@ impl Checkpoint {
         };
         load().map_err(|error| damaged(self.path.join(WEIGHTS), error))
     }
+}
+
+/// The checkpoint at `path`, or the newest one of the run there.
+fn newest(path: &Path) -> PathBuf {
+    let checkpoints = path.join("checkpoints");
+    if path.join(WEIGHTS).exists() || !checkpoints.is_dir() {
+        return path.to_owned();
+    }
+    let newest = standing(&checkpoints).into_iter().next();
+    newest.unwrap_or_else(|| checkpoints.join("last"))
 }
 
 /// The manifest of the checkpoint `directory`.

@@ -6,7 +6,7 @@
 use super::Contents;
 use crate::files::{FileError, Files, beside, parent};
 use crate::training::manifest::{MANIFEST, Manifest};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Writes a checkpoint that is to stand at `path` beside it.
 pub fn write(
@@ -50,6 +50,28 @@ pub fn stand(files: &Files, path: &Path, previous: Option<&Path>) -> Result<(), 
     files.rename(&beside(path, "new"), path)?;
     files.sync_dir(parent(path))?;
     files.remove(&old)
+}
+
+/// The checkpoints that a run can go on from, the newest first, wherever a crash has left them.
+pub fn standing(checkpoints: &Path) -> Vec<PathBuf> {
+    let names = ["last", "previous", "previous.old"];
+    let paths = names.map(|name| checkpoints.join(name));
+    paths.into_iter().filter(|path| path.is_dir()).collect()
+}
+
+/// Keeps `last`, which is damaged, under another name, and has `previous` take its place. Returns the name.
+pub fn set_aside(files: &Files, checkpoints: &Path) -> Result<PathBuf, FileError> {
+    let mut names = (1..).map(|n| match n {
+        1 => checkpoints.join("damaged"),
+        n => checkpoints.join(format!("damaged-{n}")),
+    });
+    let aside = names
+        .find(|name| !name.exists())
+        .expect("numbers do not end");
+    let [last, previous] = ["last", "previous"].map(|name| checkpoints.join(name));
+    files.rename(&last, &aside)?;
+    files.rename(&previous, &last)?;
+    Ok(aside)
 }
 
 /// Tidies up in the directory of checkpoints after a crash, so that `last` is the newest one that stood.

@@ -13,26 +13,39 @@ use crate::training::curves::{Curves, Interval};
 use crate::training::experience::{Experience, Runner, Side};
 use crate::training::provenance::Provenance;
 use crate::training::telemetry::{Probing, Reservoir};
-use crate::training::{Evaluator, ReplayMemory, RunDirectory, TrainError};
+use crate::training::{Evaluator, ReplayMemory, RunDirectory, RunDirectoryError, TrainError};
 use burn::tensor::Device;
 use std::sync::Arc;
 
 impl Trainer {
-    /// Builds a run of `config` in `directory` and writes `config.toml` and `run.json`. Where there are
-    /// `demonstrations` (see [`demonstrations`]), experience comes in segments.
+    /// Builds a run of `config` and writes `config.toml` and `run.json` to the `directory`, which is made when all
+    /// else is there. Where there are `demonstrations` (see [`demonstrations`]), experience comes in segments.
     ///
     /// # Errors
     /// When the task is unknown, there is not enough memory or a file can't be written.
     pub fn new(
         config: Config,
         demonstrations: Option<Demonstrations>,
-        directory: RunDirectory,
+        directory: impl FnOnce() -> Result<RunDirectory, RunDirectoryError>,
+    ) -> Result<Trainer, TrainError> {
+        Trainer::begin(config, demonstrations, directory, |provenance| {
+            provenance.to_json()
+        })
+    }
+
+    /// As [`new`](Trainer::new); `run_json` says what `run.json` is to hold.
+    pub(super) fn begin(
+        config: Config,
+        demonstrations: Option<Demonstrations>,
+        directory: impl FnOnce() -> Result<RunDirectory, RunDirectoryError>,
+        run_json: impl FnOnce(Provenance) -> String,
     ) -> Result<Trainer, TrainError> {
         let (env, rules) = (config.env()?, config.task_rules()?);
         let agent = fresh_agent(&config, env.spec(), rules);
         let replay = empty_replay(&config, env.spec())?;
+        let directory = directory()?;
         directory.write("config.toml", &config.to_toml())?;
-        directory.write("run.json", &Provenance::here().to_json())?;
+        directory.write("run.json", &run_json(Provenance::here()))?;
         let curves = Curves::create(directory.files(), directory.path())?;
         Trainer::assemble(config, demonstrations, directory, curves, agent, replay)
     }
@@ -77,7 +90,6 @@ impl Trainer {
             clock: Clock::new(0),
             best_return: None,
             last_return: None,
-            saved: None,
             config,
             directory,
             curves,

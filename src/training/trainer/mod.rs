@@ -12,7 +12,7 @@ use super::experience::{Experience, NotFinite, Sinks};
 use super::telemetry::{self, Probing, Returns};
 use super::{Evaluation, Evaluator, ReplayMemory, RunDirectory, TrainError};
 use crate::agent::{Agent, ImaginationDraws, ModelDraws, Sample};
-use crate::config::{Addition, Config};
+use crate::config::{Addition, Config, Overrides};
 use crate::env::{self, Scene};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
@@ -21,7 +21,7 @@ use crate::replay::{ReplayBuffer, ReplayLog};
 use clock::Clock;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -42,6 +42,8 @@ pub trait Monitor: Send {
     fn step(&mut self, status: &Status);
     /// Something the user should know that does not end the run.
     fn note(&mut self, message: &str);
+    /// What the replay buffer takes, before it is taken.
+    fn memory(&mut self, _: &ReplayMemory) {}
 }
 
 /// How a run ended.
@@ -79,8 +81,6 @@ pub struct Trainer {
     clock: Clock,
     best_return: Option<f64>,
     last_return: Option<f64>,
-    /// The last good checkpoint.
-    saved: Option<PathBuf>,
 }
 
 /// One stream for each use of randomness, so that none shifts another.
@@ -95,6 +95,12 @@ struct Streams {
 }
 
 impl Trainer {
+    /// The steps of the run in the directory `path` if it has taken all of them under `overrides`. Looks only, so
+    /// that this can be said of a run that can't be written to.
+    pub fn finished(path: &Path, overrides: &Overrides) -> Option<u64> {
+        save::finished_run(path, overrides)
+    }
+
     /// The settings of the run.
     pub fn config(&self) -> &Config {
         &self.config
@@ -103,11 +109,6 @@ impl Trainer {
     /// Where it writes to.
     pub fn path(&self) -> &Path {
         self.directory.path()
-    }
-
-    /// What its replay buffer takes.
-    pub fn replay_memory(&self) -> ReplayMemory {
-        ReplayMemory::of(&self.config, self.experience.spec())
     }
 
     /// Environment steps taken.
@@ -287,17 +288,22 @@ impl Trainer {
             }
         }
         self.clock.update += started.elapsed();
-        match not_finite {
-            None => Ok(changed),
-            Some(quantity) => Err(self.not_finite(quantity.to_owned())),
+        if let Some(quantity) = not_finite {
+            return Err(self.not_finite(quantity.to_owned()));
         }
+        if let Some(network) = self.agent.not_finite() {
+            let quantity =
+                format!("a parameter of the {network}, or the second moment of its gradient,");
+            return Err(self.not_finite(quantity));
+        }
+        Ok(changed)
     }
 
     fn not_finite(&self, quantity: String) -> TrainError {
         TrainError::NotFinite {
             step: self.step,
             quantity,
-            checkpoint: self.saved.clone(),
+            checkpoint: self.good_checkpoint(),
         }
     }
 

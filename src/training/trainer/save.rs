@@ -20,7 +20,7 @@ use crate::training::{Checkpoint, DiskError, Monitor, ReplayMemory, RunDirectory
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// The optimisers' moments.
@@ -68,11 +68,7 @@ pub enum Resumed {
 const FREE: [&str; 2] = ["steps", "compute.threads"];
 /// Settings that may be changed with `--force`: no result depends on them, or, of the demonstrations, only
 /// on what lies there, which is compared.
-const HARMLESS: [&str; 3] = [
-    "checkpoint.every",
-    "checkpoint.replay",
-    "demonstrations.path",
-];
+const HARMLESS: [&str; 2] = ["checkpoint.every", "demonstrations.path"];
 
 impl Trainer {
     /// Saves `checkpoints/last`; the one before it becomes `checkpoints/previous`.
@@ -115,7 +111,6 @@ impl Trainer {
         let written = checkpoint::write(files, &last, &contents, &manifest)
             .and_then(|()| checkpoint::stand(files, &last, Some(&previous)));
         self.on_disk(written)?;
-        self.saved = Some(last);
         let pruned = self.log.prune(self.directory.files(), self.needed);
         self.on_disk(pruned)?;
         self.needed = self.replay.stored().start;
@@ -132,7 +127,6 @@ impl Trainer {
         let written = checkpoint::write(files, &best, &contents, &manifest)
             .and_then(|()| checkpoint::stand(files, &best, None));
         self.on_disk(written)?;
-        self.saved.get_or_insert(best);
         self.clock.checkpoint += started.elapsed();
         Ok(())
     }
@@ -157,8 +151,16 @@ impl Trainer {
     ) -> Result<T, TrainError> {
         result.map_err(|error| TrainError::Disk {
             error: error.into(),
-            checkpoint: self.saved.clone(),
+            checkpoint: self.good_checkpoint(),
         })
+    }
+
+    /// The last good checkpoint, wherever what is going on has left it.
+    pub(super) fn good_checkpoint(&self) -> Option<PathBuf> {
+        let standing = checkpoint::standing(&self.directory.checkpoints());
+        let best = self.directory.checkpoint("best");
+        let newest = standing.into_iter().next();
+        newest.or_else(|| best.exists().then_some(best))
     }
 
     fn state(&self, numbers: BTreeMap<String, f64>) -> TrainerState {
@@ -191,53 +193,47 @@ impl Trainer {
     ) -> Result<Resumed, TrainError> {
         let config = config::read_resolved(&directory.config(), &options.overrides)?;
         let spec = config.env()?.spec().clone();
-        ReplayMemory::of(&config, &spec).check()?;
-        checkpoint::recover(directory.files(), &directory.checkpoints())?;
-
-        let last = directory.checkpoint("last");
-        if !last.exists() {
-            monitor.note("no checkpoint had been saved: the run begins again at step 0");
-            let set = demonstrations(&config)?;
-            let directory = directory.emptied()?;
-            return Ok(Resumed::Run(Box::new(Trainer::new(
-                config, set, directory,
-            )?)));
-        }
-        let previous = directory.checkpoint("previous");
-        let (point, fallback) = match Point::read(&last, &directory, &config, &spec) {
-            Ok(point) => (point, None),
-            Err(error) if error.is_damage() && previous.exists() => {
-                match Point::read(&previous, &directory, &config, &spec) {
-                    Ok(point) => (point, Some(error)),
-                    Err(second) if second.is_damage() => {
-                        return Err(TrainError::NoGoodCheckpoint {
-                            last: Box::new(error),
-                            previous: Box::new(second),
-                        });
-                    }
-                    Err(second) => return Err(second),
-                }
-            }
-            Err(error) => return Err(error),
+        let memory = ReplayMemory::of(&config, &spec);
+        memory.check()?;
+        let found = checkpoint::standing(&directory.checkpoints());
+        let Some(newest) = found.first() else {
+            monitor.memory(&memory);
+            return begin_again(config, directory, monitor);
         };
-        let point = match point {
-            Found::Finished(step) => return Ok(Resumed::Finished(step)),
-            Found::Point(point) => point,
+        if let Some(step) = finished(newest, &config) {
+            tidy_up(&directory, &spec)?;
+            return Ok(Resumed::Finished(step));
+        }
+        monitor.memory(&memory);
+        let read = |path: &Path| Point::read(path, &directory, &config, &spec);
+        let (point, damage) = match (read(newest), found.get(1)) {
+            (Ok(point), _) => (point, None),
+            (Err(error), Some(older)) if error.is_damage() => match read(older) {
+                Ok(point) => (point, Some(error)),
+                Err(second) if second.is_damage() => {
+                    return Err(TrainError::NoGoodCheckpoint {
+                        last: Box::new(error),
+                        previous: Box::new(second),
+                    });
+                }
+                Err(second) => return Err(second),
+            },
+            (Err(error), _) => return Err(error),
         };
         point.compare(&directory, &config, options.force, monitor)?;
         let set = demonstrations(&config)?;
         let (step, sealed) = (point.manifest.step, point.manifest.curves.clone());
         let mut trainer = point.assemble(config, set, directory)?;
-        if let Some(error) = fallback {
-            let aside = trainer.directory.checkpoint("damaged");
+
+        // Only from here on is anything changed.
+        let (files, checkpoints) = (trainer.directory.files(), trainer.directory.checkpoints());
+        checkpoint::recover(files, &checkpoints)?;
+        if let Some(error) = damage {
+            let aside = checkpoint::set_aside(files, &checkpoints)?;
             monitor.note(&format!(
                 "{error}; going on from the checkpoint before it, of step {step}; the damaged one is kept as {}",
                 aside.display()
             ));
-            let files = trainer.directory.files();
-            files.remove(&aside)?;
-            files.rename(&last, &aside)?;
-            files.rename(&previous, &last)?;
         }
         trainer.forget_what_came_after(&sealed)?;
         Ok(Resumed::Run(Box::new(trainer)))
@@ -250,6 +246,10 @@ impl Trainer {
         sealed: &BTreeMap<String, Seal>,
     ) -> Result<(), TrainError> {
         let files = self.directory.files();
+        let previous = checkpoint::read_manifest(&self.directory.checkpoint("previous"));
+        if let Some(older) = previous.ok().and_then(|manifest| manifest.replay) {
+            self.log.keep(&older);
+        }
         self.log.trim(files, self.replay.width())?;
         self.curves.cut(sealed)?;
         self.directory
@@ -259,6 +259,76 @@ impl Trainer {
             .write("run.json", &Provenance::here().after(&json, self.step))?;
         Ok(())
     }
+}
+
+/// A run that was interrupted before it saved anything, from its first step on.
+fn begin_again(
+    config: Config,
+    directory: RunDirectory,
+    monitor: &mut dyn Monitor,
+) -> Result<Resumed, TrainError> {
+    let path = directory.path().to_owned();
+    let reached = last_step(&path.join("eval.csv"));
+    let due = config.checkpoint.every.min(config.steps);
+    if reached >= due {
+        return Err(TrainError::CheckpointsMissing { path, reached, due });
+    }
+    monitor.note("no checkpoint had been saved: the run begins again at step 0");
+    let set = demonstrations(&config)?;
+    let json = fs::read_to_string(path.join("run.json")).unwrap_or_default();
+    let emptied = || {
+        directory.empty()?;
+        Ok(directory)
+    };
+    let trainer = Trainer::begin(config, set, emptied, |provenance| {
+        provenance.after(&json, 0)
+    })?;
+    Ok(Resumed::Run(Box::new(trainer)))
+}
+
+/// The step of the last row of a curve; 0 without one.
+fn last_step(curve: &Path) -> u64 {
+    let text = fs::read_to_string(curve).unwrap_or_default();
+    let steps = text
+        .lines()
+        .skip(1)
+        .filter_map(|row| row.split(',').next()?.parse().ok());
+    steps.last().unwrap_or(0)
+}
+
+/// The steps of a run that has taken all of them, if its checkpoint at `path` is whole.
+fn finished(path: &Path, config: &Config) -> Option<u64> {
+    let checkpoint = Checkpoint::load(path).ok()?;
+    (checkpoint.step == config.steps).then_some(checkpoint.step)
+}
+
+/// Removes what a crash left behind after the last checkpoint of a run stood.
+fn tidy_up(directory: &RunDirectory, spec: &Spec) -> Result<(), FileError> {
+    let files = directory.files();
+    checkpoint::recover(files, &directory.checkpoints())?;
+    let logged = |name: &str| {
+        let manifest = checkpoint::read_manifest(&directory.checkpoint(name));
+        manifest.ok().and_then(|manifest| manifest.replay)
+    };
+    let Some(last) = logged("last") else {
+        return Ok(());
+    };
+    let mut log = ReplayLog::of(&directory.replay(), &last);
+    if let Some(older) = logged("previous") {
+        log.keep(&older);
+    }
+    log.trim(
+        files,
+        ReplayBuffer::row_width(spec.obs_size, spec.action_size),
+    )
+}
+
+/// The steps of the run in `path` if it has taken all of them under `overrides`. Looks only, so that it can be said
+/// of a run that can't be written to.
+pub(super) fn finished_run(path: &Path, overrides: &Overrides) -> Option<u64> {
+    let config = config::read_resolved(&path.join("config.toml"), overrides).ok()?;
+    let found = checkpoint::standing(&path.join("checkpoints"));
+    finished(found.first()?, &config)
 }
 
 fn manifest(step: u64, contents: &checkpoint::Contents) -> Manifest {
@@ -278,12 +348,6 @@ struct Point {
     log: ReplayLog,
 }
 
-enum Found {
-    Point(Box<Point>),
-    /// Of a run that has taken all its steps.
-    Finished(u64),
-}
-
 impl Point {
     /// Reads the checkpoint at `path` and all that it refers to.
     fn read(
@@ -291,7 +355,7 @@ impl Point {
         directory: &RunDirectory,
         config: &Config,
         spec: &Spec,
-    ) -> Result<Found, TrainError> {
+    ) -> Result<Point, TrainError> {
         let manifest = checkpoint::read_manifest(path)?;
         let checkpoint = Checkpoint::load(path)?;
         if manifest.step > config.steps {
@@ -299,9 +363,6 @@ impl Point {
                 taken: manifest.step,
                 asked: config.steps,
             });
-        }
-        if manifest.step == config.steps {
-            return Ok(Found::Finished(manifest.step));
         }
         let Some(logged) = &manifest.replay else {
             return Err(TrainError::NotResumable(directory.path().to_owned()));
@@ -328,14 +389,14 @@ impl Point {
             arrays,
             numbers: state.numbers.clone(),
         };
-        Ok(Found::Point(Box::new(Point {
+        Ok(Point {
             checkpoint,
             manifest,
             state,
             memory,
             replay,
             log,
-        })))
+        })
     }
 
     /// Refuses to go on where something has changed that the run depends on.
@@ -353,7 +414,10 @@ impl Point {
             if FREE.contains(&difference.key.as_str()) {
                 continue;
             }
-            harmless &= HARMLESS.contains(&difference.key.as_str());
+            // Without demonstrations on one side there is nothing to compare.
+            let set = |value: &Option<String>| value.as_ref().is_some_and(|v| v != "\"\"");
+            let both = difference.values.iter().all(set);
+            harmless &= HARMLESS.contains(&difference.key.as_str()) && both;
             let [then, now] = difference
                 .values
                 .map(|v| v.unwrap_or_else(|| "unset".into()));
@@ -401,6 +465,10 @@ impl Point {
         let restored = agent.restore(&memory);
         restored.map_err(|error| damage(OPTIMIZERS, error.to_string()))?;
 
+        let then = state.experience.demonstrations();
+        if then != set.as_ref().map(Demonstrations::checksum) {
+            return Err(TrainError::OtherDemonstrations(config.demonstrations.path));
+        }
         let curves = Curves::open(directory.files(), directory.path(), &manifest.curves)?;
         let mut trainer = Trainer::assemble(config, set, directory, curves, agent, replay)?;
         let experience = trainer.experience.restore(state.experience);
@@ -422,7 +490,6 @@ impl Point {
         trainer.clock = Clock::resume(state.clock);
         trainer.log = log;
         trainer.needed = trainer.replay.stored().start;
-        trainer.saved = Some(trainer.directory.checkpoint("last"));
         Ok(trainer)
     }
 }

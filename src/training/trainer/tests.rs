@@ -8,6 +8,7 @@ use crate::replay::Transition;
 use crate::training::manifest::Manifest;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
 struct Notes(Vec<String>);
@@ -101,7 +102,7 @@ fn config(steps: u64) -> Config {
 }
 
 fn trainer(directory: &Path, steps: u64) -> Trainer {
-    let directory = RunDirectory::create(&directory.join("run"), false).unwrap();
+    let directory = || RunDirectory::create(&directory.join("run"), false);
     Trainer::new(config(steps), None, directory).unwrap()
 }
 
@@ -184,6 +185,34 @@ fn a_loss_that_is_not_finite_stops_the_run_and_spares_the_checkpoint() {
 }
 
 #[test]
+fn a_moment_past_single_precision_stops_the_run_at_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(directory.path(), 60);
+    trainer
+        .train(&mut Notes(Vec::new()), &AtomicBool::new(false))
+        .unwrap();
+    // Errors of 1e18 make losses of 1e36 and, of features near 1e3, gradients whose squares are past 3e38.
+    trainer.scaling = ObservationScaling::identity(4);
+    let (obs, action) = ([1e3; 4], [0.0]);
+    for _ in 0..5000 {
+        trainer.replay.push(Transition {
+            obs: &obs,
+            action: &action,
+            reward: 1e18,
+            next_obs: &obs,
+            terminated: true,
+            previous_action: &action,
+        });
+    }
+    trainer.step = 61;
+    let message = trainer.learn().unwrap_err().to_string();
+    assert!(
+        message.starts_with("step 61: a parameter of the critics"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_number_past_single_precision_stops_the_run_and_is_named() {
     let scripts: [(fn(u32) -> (f64, f64, bool), &str); 2] = [
         (|_| (0.5, 1e39, false), "the reward is not finite"),
@@ -243,7 +272,7 @@ fn go(trainer: Trainer) -> Result<Outcome, TrainError> {
 
 /// A run of `quick` from its first step on a disk.
 fn begin(path: &Path, files: Files) -> Result<Outcome, TrainError> {
-    let directory = RunDirectory::create_on(files, path, false)?;
+    let directory = || RunDirectory::create_on(files, path, false);
     go(Trainer::new(quick(), None, directory)?)
 }
 
@@ -290,6 +319,20 @@ fn files_of(path: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     names.collect()
 }
 
+/// Every checkpoint that stands can be gone on from: also the older one, whatever the run was doing.
+fn both_are_sound(path: &Path) {
+    let config = crate::config::read_resolved(&path.join("config.toml"), &longer(61)).unwrap();
+    let spec = config.env().unwrap().spec().clone();
+    let directory = RunDirectory::open(path).unwrap();
+    for checkpoint in crate::training::checkpoint::standing(&directory.checkpoints()) {
+        // What is removed last may have lost some of its files.
+        if !checkpoint.ends_with("previous.old") {
+            save::is_sound(&checkpoint, &directory, &config, &spec)
+                .unwrap_or_else(|error| panic!("{}: {error}", checkpoint.display()));
+        }
+    }
+}
+
 #[test]
 fn a_run_survives_a_disk_that_fails_at_any_operation() {
     let directory = tempfile::tempdir().unwrap();
@@ -317,6 +360,7 @@ fn a_run_survives_a_disk_that_fails_at_any_operation() {
                         .is_err_and(|m| m.contains("no storage space")),
                 "{operations}: {message:?}"
             );
+            both_are_sound(&path);
             let (third, notes) = go_on(&path, Files::default(), 60);
             third.unwrap_or_else(|error| panic!("{operations}: {error}"));
             assert!(
@@ -354,9 +398,15 @@ fn a_full_disk_is_named_with_the_last_good_checkpoint() {
             message.contains("run") && message.contains("no storage space"),
             "{message}"
         );
-        named += usize::from(message.contains("the last good checkpoint is"));
+        if let Some((_, good)) = message.split_once("the last good checkpoint is ") {
+            crate::training::Checkpoint::load(Path::new(good)).unwrap();
+            named += 1;
+        }
         left += usize::from(message.contains("no checkpoint had been saved yet"));
-        std::fs::remove_dir_all(&path).unwrap();
+        // The first operation makes the directory.
+        if path.exists() {
+            std::fs::remove_dir_all(&path).unwrap();
+        }
     }
     assert!(named > 5 && left > 0, "{named}, {left}");
 }
@@ -371,9 +421,17 @@ fn every_flipped_byte_of_a_checkpoint_is_an_error_or_changes_nothing() {
     let open = || RunDirectory::open(&path).unwrap();
     let spec = config.env().unwrap().spec().clone();
     let files = files_of(&path);
+    // `previous` needs older chunks besides.
+    let logged = crate::training::checkpoint::read_manifest(&last)
+        .unwrap()
+        .replay
+        .unwrap();
+    let chunk = |c: &crate::replay::Chunk| format!("checkpoints/replay/{:012}.f32", c.first).into();
+    let needed: Vec<PathBuf> = logged.chunks.iter().map(chunk).collect();
+    assert!(needed.len() > 1);
     let belongs = |name: &&PathBuf| {
         name.starts_with("checkpoints/last")
-            || name.starts_with("checkpoints/replay")
+            || name.starts_with("checkpoints/replay") && needed.contains(name)
             || name.extension().is_some_and(|ending| ending == "csv")
     };
     let run = open();
@@ -480,7 +538,7 @@ proptest! {
         let options = ResumeOptions { overrides: longer(70), force: false };
         let directory = RunDirectory::open(&path).unwrap();
         if let Err(error) = Trainer::resume(directory, &options, &mut Notes(Vec::new())) {
-            prop_assert!(error.to_string().contains("state.cbor"), "{error}");
+            prop_assert!(error.to_string().contains("checkpoints/last/"), "{error}");
         }
     }
 }
