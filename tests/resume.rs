@@ -336,7 +336,10 @@ fn endless(place: &Place, run: &str, settings: &[&str]) -> Child {
     let mut child = begin(place, &small_run("hopper", run, &settings));
     wait_for(|| {
         assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-        place.path(&format!("{run}/checkpoints/previous")).exists()
+        let standing = format!("{run}/checkpoints/previous/manifest.json");
+        let learning = format!("{run}/eval.csv");
+        let rows = fs::read_to_string(place.path(&learning)).unwrap_or_default();
+        place.path(&standing).exists() && rows.lines().count() >= 5
     });
     child
 }
@@ -404,7 +407,7 @@ fn a_second_interrupt_ends_a_run_at_once_and_harms_nothing() {
 
     // In the middle of saving, again and again.
     for _ in 0..5 {
-        let child = endless(&place, "often", &["checkpoint.every=1"]);
+        let child = endless(&place, "often", &["checkpoint.every=5"]);
         let twice = format!("kill -INT {0}; kill -INT {0}", child.id());
         Command::new("sh").args(["-c", &twice]).output().unwrap();
         let output = child.wait_with_output().unwrap();

@@ -86,7 +86,7 @@ impl Place {
     pub fn refuse<S: AsRef<str>>(&self, code: i32, arguments: &[S], parts: &[&str]) {
         let before = self.contents("");
         let output = self.run(arguments);
-        let message = stderr(&output);
+        let message = messages(&output);
         assert_eq!(output.status.code(), Some(code), "{output:?}");
         assert_eq!(output.stdout, b"", "{output:?}");
         assert!(message.starts_with("error: "), "{message}");
