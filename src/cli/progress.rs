@@ -1,4 +1,4 @@
-//! The progress of a training run on the terminal; nothing where there is none.
+//! Progress on the terminal; nothing where there is none.
 
 use super::tell;
 use crate::config::Config;
@@ -13,14 +13,26 @@ pub(super) struct Progress {
     shown: Option<f64>,
 }
 
+/// A bar of things that are made one by one, drawn on standard error when that is a terminal. Its
+/// length grows as more are known to come.
+pub(super) fn bar(things: &str) -> ProgressBar {
+    let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {things}  {{eta}} left");
+    let style = ProgressStyle::with_template(&template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(Some(0), target()).with_style(style)
+}
+
+fn target() -> ProgressDrawTarget {
+    if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr_with_hz(5)
+    } else {
+        ProgressDrawTarget::hidden()
+    }
+}
+
 impl Progress {
     /// A bar for the whole run, drawn on standard error when that is a terminal.
     pub(super) fn new(config: &Config) -> Progress {
-        let target = if std::io::stderr().is_terminal() {
-            ProgressDrawTarget::stderr_with_hz(5)
-        } else {
-            ProgressDrawTarget::hidden()
-        };
         let style = ProgressStyle::with_template(
             "{prefix} {wide_bar} {human_pos}/{human_len} steps  {rate} steps/s  {eta} left  {msg}",
         )
@@ -29,7 +41,7 @@ impl Progress {
             // A failed write of a number to the terminal is nothing to stop a run for.
             let _ = write!(out, "{:.0}", state.per_sec());
         });
-        let bar = ProgressBar::with_draw_target(Some(config.steps), target).with_style(style);
+        let bar = ProgressBar::with_draw_target(Some(config.steps), target()).with_style(style);
         bar.set_prefix(format!("{} {}", config.task, config.method.name()));
         Progress { bar, shown: None }
     }

@@ -316,11 +316,22 @@ fn printable(text: &str) -> CString {
 }
 
 impl Model {
-    /// A copy to draw pictures of this size with.
+    /// A copy to draw pictures of this size with. Its planes are drawn up to the horizon, as far as they
+    /// reach for whatever touches them.
     fn for_pictures(&self, [width, height]: [usize; 2]) -> Result<Model, Error> {
         self.changed(|raw| {
             raw.vis.global.offwidth = width as c_int;
             raw.vis.global.offheight = height as c_int;
+            let planes = self.geom_type().iter().enumerate();
+            for (plane, _) in planes.filter(|(_, kind)| **kind == sys::mjGEOM_PLANE as c_int) {
+                // SAFETY: the copy has three sizes for each geom of the model.
+                unsafe {
+                    raw.geom_size
+                        .add(3 * plane)
+                        .cast::<[f64; 2]>()
+                        .write([0.0; 2])
+                };
+            }
         })
     }
 }
