@@ -5,6 +5,7 @@ pub mod cli;
 pub mod config;
 pub mod demonstration;
 pub mod env;
+pub mod files;
 pub mod imagination;
 pub mod new_file;
 pub mod nn;

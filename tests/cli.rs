@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Place, config, small_run, stderr};
+use common::{Place, config, messages, small_run, stderr};
 use safetensors::tensor::{Dtype, SafeTensors};
 use std::collections::BTreeMap;
 use std::fs;
@@ -106,11 +106,22 @@ fn a_run_directory_holds_what_it_should() {
         .map(|path| path.strip_prefix(place.path("run")).unwrap().to_owned())
         .map(|path| path.to_str().unwrap().to_owned())
         .collect();
-    let checkpoint = ["checkpoint.json", "config.toml", "weights.safetensors"];
-    let mut expected: Vec<String> = ["best", "last"]
+    let evaluated = [
+        "checkpoint.json",
+        "config.toml",
+        "manifest.json",
+        "weights.safetensors",
+    ];
+    let resumed = ["optimizers.safetensors", "state.cbor"];
+    let mut expected: Vec<String> = ["best", "last", "previous"]
         .iter()
-        .flat_map(|name| checkpoint.map(|file| format!("checkpoints/{name}/{file}")))
+        .flat_map(|name| evaluated.map(|file| format!("checkpoints/{name}/{file}")))
         .collect();
+    for name in ["last", "previous"] {
+        expected.extend(resumed.map(|file| format!("checkpoints/{name}/{file}")));
+    }
+    expected.push("checkpoints/replay/000000000000.f32".to_owned());
+    expected.sort();
     expected.extend(
         [
             "config.toml",
@@ -178,7 +189,7 @@ fn a_run_goes_to_a_directory_named_after_task_method_and_seed() {
     assert!(place.path("runs/Hopper-v4/mamf/seed-7/eval.csv").is_file());
     // A run that ends before phase 2 is no mistake, but worth a word.
     assert!(
-        stderr(&output).starts_with("note: 5 steps end inside phase 1"),
+        messages(&output).starts_with("note: 5 steps end inside phase 1"),
         "{output:?}"
     );
 }
@@ -630,6 +641,7 @@ fn a_checkpoint_that_is_missing_or_of_another_task_is_refused() {
     };
     other("run/config.toml");
     eval("run", 2, &["run", "`Hopper-v4`", "`Walker2d-v4`"]);
+    fs::remove_file(place.path("run/checkpoints/last/manifest.json")).unwrap();
     other("run/checkpoints/last/config.toml");
     other("run/checkpoints/last/checkpoint.json");
     eval(
@@ -684,6 +696,8 @@ fn a_checkpoint_with_other_contents_is_refused_and_named() {
     place.train("hopper", "run", &[]);
     let damage = |change: &dyn Fn(), parts: &[&str]| {
         place.copy("run/checkpoints/last", "damaged");
+        // The manifest would notice any change; weights may come without one.
+        fs::remove_file(place.path("damaged/manifest.json")).unwrap();
         change();
         let parts = [&["damaged checkpoint", "weights.safetensors"], parts].concat();
         place.refuse(1, &["eval", "--checkpoint", "damaged"], &parts);
@@ -730,7 +744,7 @@ fn an_interrupt_ends_a_run_with_a_saved_checkpoint() {
         assert!(killed.success());
         wait_for(|| child.try_wait().unwrap().is_some());
         let output = child.wait_with_output().unwrap();
-        let message = stderr(&output);
+        let message = messages(&output);
         assert_eq!(output.status.code(), Some(75), "{output:?}");
         assert!(message.contains("run/checkpoints/last"), "{message}");
 
@@ -765,7 +779,7 @@ fn a_reader_that_goes_away_is_no_error() {
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{output:?}");
-        assert_eq!(stderr(&output), "");
+        assert_eq!(messages(&output), "");
     }
 }
 
@@ -778,7 +792,7 @@ fn a_loss_that_is_not_finite_stops_the_run_and_leaves_the_last_good_checkpoint()
         let place = Place::new();
         let settings = [method, &layers, "networks.critic_learning_rate=1"];
         let output = place.run(&small_run("reacher", "run", &settings));
-        let message = stderr(&output);
+        let message = messages(&output);
         assert_eq!(output.status.code(), Some(1), "{output:?}");
         assert_eq!(output.stdout, b"");
         let step: u64 = message

@@ -4,7 +4,7 @@ use super::base::{self, ActorBatch, Base};
 use super::critics::{CriticRows, Critics};
 use super::{AgentSettings, ExpandedTargets, Figures, ImaginaryTargets, Policy, Sample};
 use crate::imagination::{DynamicsModel, Imagination, ModelBatch, World};
-use crate::nn::{Gradient, Mlp, ObservationScaling, WeightError, Weights, rows_of};
+use crate::nn::{Gradient, Memory, Mlp, ObservationScaling, WeightError, Weights, rows_of};
 use crate::parallel::{halves, join};
 use crate::random::Stream;
 use crate::replay::Batch;
@@ -33,6 +33,25 @@ impl Augmentation {
             Augmentation::None => None,
             Augmentation::Imagination(imagination) => Some(&imagination.world),
             Augmentation::Expansion { world, .. } => Some(world),
+        }
+    }
+
+    fn remember(&self, memory: &mut Memory) {
+        if let Some(world) = self.world() {
+            world.model.save_optimizer(memory);
+        }
+        if let Augmentation::Imagination(imagination) = self {
+            imagination.remember(memory);
+        }
+    }
+
+    fn restore(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        if let Some(world) = self.world_mut() {
+            world.model.restore_optimizer(memory)?;
+        }
+        match self {
+            Augmentation::Imagination(imagination) => imagination.restore(memory),
+            _ => Ok(()),
         }
     }
 
@@ -130,6 +149,29 @@ impl Agent {
             world.model.save(&mut weights);
         }
         weights
+    }
+
+    /// What training goes on from beside the [`weights`](Agent::weights): the moments of all optimisers,
+    /// counters, and what imagination remembers.
+    pub fn memory(&self) -> Memory {
+        let mut memory = Memory::default();
+        memory.set("updates", self.updates as f64);
+        self.base.remember(&mut memory);
+        self.critics.save_optimizers(&mut memory);
+        self.augmentation.remember(&mut memory);
+        memory
+    }
+
+    /// Goes on from `memory`, to the last bit as the agent would have that it was taken of, if the
+    /// networks are that agent's ([`load`](Agent::load)).
+    ///
+    /// # Errors
+    /// When something is missing or has another shape than the settings say.
+    pub fn restore(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        self.updates = memory.count("updates")?;
+        self.base.restore(memory)?;
+        self.critics.restore_optimizers(memory)?;
+        self.augmentation.restore(memory)
     }
 
     /// The current policy under `scaling`.

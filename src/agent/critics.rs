@@ -1,7 +1,7 @@
 //! The critics with their targets: values for targets, and steps.
 
 use super::AgentSettings;
-use crate::nn::{Learner, Mlp, TrainableMlp, WeightError, Weights, column, matrix, to_vec};
+use crate::nn::{Learner, Memory, Mlp, TrainableMlp, WeightError, Weights, column, matrix, to_vec};
 use crate::parallel::join;
 use crate::random::Stream;
 use burn::tensor::Device;
@@ -82,6 +82,21 @@ impl Critics {
             critic.mlp().save(&format!("critic{number}"), weights);
             target.save(&format!("target_critic{number}"), weights);
         }
+    }
+
+    /// Remembers what the optimisers go on from.
+    pub fn save_optimizers(&self, memory: &mut Memory) {
+        for (i, critic) in self.learners.iter().enumerate() {
+            critic.save_optimizer(&format!("critic{}", i + 1), memory);
+        }
+    }
+
+    /// Has the optimisers go on from what was remembered.
+    pub fn restore_optimizers(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        let mut learners = self.learners.iter_mut().enumerate();
+        learners.try_for_each(|(i, critic)| {
+            critic.restore_optimizer(&format!("critic{}", i + 1), memory)
+        })
     }
 
     /// `Q1`, which deterministic actors climb.

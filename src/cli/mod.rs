@@ -12,7 +12,7 @@ use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
 use crate::render::{OutputError, PaintError, RenderError};
 use crate::replay::DemonstrationError;
-use crate::training::{CheckpointError, RunDirectoryError, TrainError};
+use crate::training::{CheckpointError, LockError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
@@ -31,7 +31,7 @@ const INTERRUPTED: u8 = 75;
 #[command(name = "mamf", version, about, max_term_width = 100)]
 #[command(
     after_help = "Exit codes: 0 done; 1 failed at run time, or verification past tolerance; \
-    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved."
+    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved: resumable."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -142,7 +142,10 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
 fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
     matches!(
         error,
-        RunDirectoryError::Exists(_) | RunDirectoryError::NotARun(_)
+        RunDirectoryError::Exists(_)
+            | RunDirectoryError::NotARun(_)
+            | RunDirectoryError::NoRun(_)
+            | RunDirectoryError::Locked(LockError::Held { .. })
     )
 }
 
@@ -174,6 +177,12 @@ fn is_misuse_of_training(error: &TrainError) -> bool {
             error,
             DemonstrationError::Find(_) | DemonstrationError::Task { .. }
         ),
+        TrainError::Memory(_)
+        | TrainError::Changed { .. }
+        | TrainError::NotResumable(_)
+        | TrainError::StepsTaken { .. } => true,
+        // The files of a run are not the user's words, but options are.
+        TrainError::Config(error) => matches!(error, ConfigError::WrongValue { .. }),
         _ => false,
     }
 }

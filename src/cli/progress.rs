@@ -31,8 +31,21 @@ fn target() -> ProgressDrawTarget {
 }
 
 impl Progress {
-    /// A bar for the whole run, drawn on standard error when that is a terminal.
-    pub(super) fn new(config: &Config) -> Progress {
+    /// Nothing to be seen yet.
+    pub(super) fn new() -> Progress {
+        Progress {
+            bar: ProgressBar::hidden(),
+            shown: None,
+        }
+    }
+
+    /// Shows a bar for the whole run, of which `step` steps are taken, on standard error when that is a
+    /// terminal.
+    pub(super) fn begin(&mut self, config: &Config, step: u64) {
+        if !std::io::stderr().is_terminal() {
+            return;
+        }
+        let target = ProgressDrawTarget::stderr_with_hz(5);
         let style = ProgressStyle::with_template(
             "{prefix} {wide_bar} {human_pos}/{human_len} steps  {rate} steps/s  {eta} left  {msg}",
         )
@@ -41,9 +54,13 @@ impl Progress {
             // A failed write of a number to the terminal is nothing to stop a run for.
             let _ = write!(out, "{:.0}", state.per_sec());
         });
-        let bar = ProgressBar::with_draw_target(Some(config.steps), target()).with_style(style);
-        bar.set_prefix(format!("{} {}", config.task, config.method.name()));
-        Progress { bar, shown: None }
+        self.bar = ProgressBar::with_draw_target(Some(config.steps), target)
+            .with_style(style)
+            .with_position(step);
+        // What was done before tells nothing of the pace.
+        self.bar.reset_eta();
+        self.bar
+            .set_prefix(format!("{} {}", config.task, config.method.name()));
     }
 
     /// Leaves the bar as it stands.

@@ -1,13 +1,15 @@
 //! `mamf train`
 
 use super::progress::Progress;
-use super::{INTERRUPTED, tell};
+use super::{FAILED, INTERRUPTED, tell};
 use crate::config::{self, Overrides};
-use crate::training::{self, Outcome, RunDirectory, Trainer};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use crate::training::{
+    self, Outcome, ReplayMemory, ResumeOptions, Resumed, RunDirectory, TrainError, Trainer,
+};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -16,15 +18,18 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Configuration of the run, for example configs/quickstart.toml
-    #[arg(long, value_name = "FILE")]
-    config: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "resume")]
+    config: Option<PathBuf>,
+    /// Go on with the run in this directory exactly where its last checkpoint was saved
+    #[arg(long, value_name = "RUN_DIR", conflicts_with_all = ["config", "set", "seed", "out"])]
+    resume: Option<PathBuf>,
     /// Override a setting, for example --set imagination.target_filter=false --set method=td3
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Seed of every random stream
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u32>,
-    /// Environment steps of the run
+    /// Environment steps of the run; with --resume it may be made longer or shorter
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     steps: Option<u32>,
     /// Run directory [default: runs/<task>/<method>/seed-<n>]
@@ -33,13 +38,14 @@ pub struct Args {
     /// Threads; results do not depend on it
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     threads: Option<u32>,
-    /// Remove an existing run in the run directory first
+    /// Remove an existing run in the run directory first; with --resume, go on with another build of
+    /// mamf or other settings of checkpoints
     #[arg(long)]
     force: bool,
 }
 
-/// Trains to the end, or until the first interrupt, which saves a checkpoint; a second one ends
-/// the process at once.
+/// Trains to the end, or until the first signal, which saves a checkpoint; a second interrupt ends the
+/// process at once.
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut overrides = Overrides::default();
     for set in &args.set {
@@ -54,24 +60,77 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             overrides.push(format!("{option} {value}"), key, i64::from(value));
         }
     }
-    let config = config::read(&args.config, &overrides)?;
-    let path = args
-        .out
-        .clone()
-        .unwrap_or_else(|| RunDirectory::default_path(&config));
-    // First, so that a wrong path leaves no run directory behind.
-    let demonstrations = training::demonstrations(&config)?;
-    let directory = RunDirectory::create(&path, args.force)?;
+    let mut progress = Progress::new();
+    match (&args.resume, &args.config) {
+        (Some(path), _) => resume(path, overrides, args.force, &mut progress),
+        (None, Some(config)) => {
+            let out = args.out.as_deref();
+            begin(config, &overrides, out, args.force, &mut progress)
+        }
+        (None, None) => unreachable!("one of both is required"),
+    }
+}
 
+fn begin(
+    file: &Path,
+    overrides: &Overrides,
+    out: Option<&Path>,
+    force: bool,
+    progress: &mut Progress,
+) -> anyhow::Result<ExitCode> {
+    let config = config::read(file, overrides)?;
+    let path = out.map_or_else(|| RunDirectory::default_path(&config), Path::to_owned);
+    // First, so that what can't be had leaves no run directory behind.
+    let demonstrations = training::demonstrations(&config)?;
+    let memory = ReplayMemory::of(&config, config.env()?.spec());
+    memory.check().map_err(TrainError::from)?;
+    let directory = RunDirectory::create(&path, force)?;
+    tell(&format!("replay buffer: {memory} when full"));
+    finish(Trainer::new(config, demonstrations, directory)?, progress)
+}
+
+fn resume(
+    path: &Path,
+    overrides: Overrides,
+    force: bool,
+    progress: &mut Progress,
+) -> anyhow::Result<ExitCode> {
+    let directory = RunDirectory::open(path)?;
+    if let Some(process) = directory.left_by() {
+        tell(&format!(
+            "note: process {process} left the run without ending it"
+        ));
+    }
+    let options = ResumeOptions { overrides, force };
+    match Trainer::resume(directory, &options, progress)? {
+        Resumed::Finished(steps) => {
+            let path = path.display();
+            writeln!(std::io::stdout(), "finished already, {steps} steps: {path}")?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Resumed::Run(trainer) => {
+            tell(&format!(
+                "replay buffer: {} when full",
+                trainer.replay_memory()
+            ));
+            finish(*trainer, progress)
+        }
+    }
+}
+
+/// Runs to the end, or until a signal.
+fn finish(trainer: Trainer, progress: &mut Progress) -> anyhow::Result<ExitCode> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        // In this order: the first signal finds the flag unset and only sets it.
-        flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))?;
+    // In this order: the first signal finds the flag unset and only sets it.
+    flag::register_conditional_shutdown(SIGINT, 128 + SIGINT, Arc::clone(&stop))?;
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
         flag::register(signal, Arc::clone(&stop))?;
     }
 
-    let mut progress = Progress::new(&config);
-    let outcome = Trainer::new(config, demonstrations, directory)?.run(&mut progress, &stop);
+    progress.begin(trainer.config(), trainer.step());
+    let path = trainer.path().to_owned();
+    let resumable = trainer.config().checkpoint.replay;
+    let outcome = trainer.run(progress, &stop);
     progress.finish();
     match outcome? {
         Outcome::Finished => {
@@ -81,8 +140,18 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Outcome::Interrupted(step) => {
             let checkpoint = path.join("checkpoints").join("last");
             let saved = checkpoint.display();
-            tell(&format!("interrupted after step {step}; saved {saved}"));
-            Ok(ExitCode::from(INTERRUPTED))
+            let (next, code) = if resumable {
+                ("go on with --resume", INTERRUPTED)
+            } else {
+                (
+                    "it can be evaluated, but not resumed (checkpoint.replay = false)",
+                    FAILED,
+                )
+            };
+            tell(&format!(
+                "interrupted after step {step}; saved {saved}; {next}"
+            ));
+            Ok(ExitCode::from(code))
         }
     }
 }

@@ -140,19 +140,28 @@ impl Overrides {
 /// When the file is unreadable or not TOML, a key is unknown, a value has a wrong type or lies out
 /// of range, or `task` is missing. Whether the task exists is left to the registry of tasks.
 pub fn read(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
-    given(path, overrides)?.resolve(Source::File(path.to_owned()))
+    parse(&text(path)?, path, overrides)
 }
 
-/// Reads the configuration of a run, which must hold every key: nothing is filled in.
+/// As [`read`], of a `text` that is said to come from `path`.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
+    given(text, path, overrides)?.resolve(Source::File(path.to_owned()))
+}
+
+/// Reads the configuration of a run, which must hold every key: nothing is filled in. Then applies
+/// `overrides`.
 ///
 /// # Errors
 /// As [`read`], and when a key is missing.
-pub fn read_resolved(path: &Path) -> Result<Config, ConfigError> {
-    let given = given(path, &Overrides::default())?;
+pub fn read_resolved(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
+    let text = text(path)?;
+    let given = given(&text, path, &Overrides::default())?;
     let keys: Vec<String> = given.0.keys().cloned().collect();
-    let config = given.resolve(Source::File(path.to_owned()))?;
-    let whole = flattened(&Table::try_from(&config).expect("a configuration is a TOML table"));
-    match whole.into_keys().find(|key| !keys.contains(key)) {
+    let config = parse(&text, path, overrides)?;
+    match values(&config).into_keys().find(|key| !keys.contains(key)) {
         None => Ok(config),
         Some(key) => Err(ConfigError::Missing {
             origin: Source::File(path.to_owned()),
@@ -162,13 +171,16 @@ pub fn read_resolved(path: &Path) -> Result<Config, ConfigError> {
     }
 }
 
-/// What the file and the overrides say.
-fn given(path: &Path, overrides: &Overrides) -> Result<Given, ConfigError> {
-    let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
+fn text(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
         path: path.to_owned(),
         error,
-    })?;
-    let file: Table = toml::from_str(&text).map_err(|error| ConfigError::Syntax {
+    })
+}
+
+/// What the file and the overrides say.
+fn given(text: &str, path: &Path, overrides: &Overrides) -> Result<Given, ConfigError> {
+    let file: Table = toml::from_str(text).map_err(|error| ConfigError::Syntax {
         path: path.to_owned(),
         error,
     })?;
@@ -308,6 +320,11 @@ fn expectation(error: &toml::de::Error) -> String {
         Some((_, expected)) => expected.to_owned(),
         None => message.to_owned(),
     }
+}
+
+/// The values of a configuration by dotted key.
+pub(super) fn values(config: &Config) -> BTreeMap<String, Value> {
+    flattened(&Table::try_from(config).expect("a configuration is a TOML table"))
 }
 
 /// The values of a table by dotted key.
@@ -450,7 +467,7 @@ mod tests {
     #[test]
     fn a_resolved_configuration_reads_back_equal() {
         let config = load("task = \"Hopper-v4\"", &[]).unwrap();
-        let text = toml::to_string_pretty(&config).unwrap();
+        let text = config.to_toml();
         assert_eq!(load(&text, &[]).unwrap(), config);
     }
 
@@ -459,13 +476,16 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("config.toml");
         let config = load("task = \"Hopper-v4\"", &[]).unwrap();
-        let text = toml::to_string_pretty(&config).unwrap();
+        let text = config.to_toml();
         std::fs::write(&path, &text).unwrap();
-        assert_eq!(read_resolved(&path).unwrap(), config);
+        assert_eq!(read_resolved(&path, &Overrides::default()).unwrap(), config);
         for lines in 1..text.lines().count() {
             let cut: Vec<&str> = text.lines().take(lines).collect();
             std::fs::write(&path, cut.join("\n")).unwrap();
-            assert!(read_resolved(&path).is_err(), "{lines} lines");
+            assert!(
+                read_resolved(&path, &Overrides::default()).is_err(),
+                "{lines} lines"
+            );
         }
     }
 

@@ -9,6 +9,6 @@ mod method;
 mod settings;
 mod validate;
 
-pub use load::{ConfigError, Overrides, Source, read, read_resolved};
+pub use load::{ConfigError, Overrides, Source, parse, read, read_resolved};
 pub use method::{Addition, Method};
 pub use settings::*;

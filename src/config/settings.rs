@@ -10,6 +10,7 @@ use crate::imagination::{
 use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
 use crate::replay::DemonstrationSettings;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// A whole, resolved configuration. Defaults are the paper's figures (appendix B) where the paper
@@ -128,6 +129,8 @@ pub struct Telemetry {
 pub struct Checkpoint {
     /// Environment steps between two saves of `checkpoints/last`.
     pub every: u64,
+    /// Whether the replay buffer is saved with it: without, a run can be evaluated but not resumed.
+    pub replay: bool,
 }
 
 /// Where tensors are computed.
@@ -140,7 +143,36 @@ pub struct Compute {
     pub threads: usize,
 }
 
+/// A setting that two configurations have different values for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// Its dotted key.
+    pub key: String,
+    /// Its values; none where it is not set.
+    pub values: [Option<String>; 2],
+}
+
 impl Config {
+    /// As the text that [`read_resolved`](super::read_resolved) reads.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a configuration is TOML")
+    }
+
+    /// What is set otherwise in `other`: key, value here and value there, in the order of the keys.
+    pub fn differences(&self, other: &Config) -> Vec<Difference> {
+        let [here, there] = [self, other].map(super::load::values);
+        let keys: BTreeSet<&String> = here.keys().chain(there.keys()).collect();
+        let differs = keys
+            .into_iter()
+            .filter(|key| here.get(*key) != there.get(*key));
+        differs
+            .map(|key| Difference {
+                key: key.clone(),
+                values: [&here, &there].map(|values| values.get(key).map(ToString::to_string)),
+            })
+            .collect()
+    }
+
     /// The task, wrapped as configured.
     ///
     /// # Errors
@@ -269,7 +301,10 @@ impl Config {
                 episodes: 10,
             },
             telemetry: Telemetry { states: 64 },
-            checkpoint: Checkpoint { every: 50_000 },
+            checkpoint: Checkpoint {
+                every: 50_000,
+                replay: true,
+            },
             compute: Compute {
                 backend: Backend::Flex,
                 threads: 2,

@@ -1,7 +1,7 @@
 //! The learned dynamics model.
 
 use super::{ModelSettings, Predict};
-use crate::nn::{Gradient, Learner, Mlp, WeightError, Weights, matrix, side_by_side};
+use crate::nn::{Gradient, Learner, Memory, Mlp, WeightError, Weights, matrix, side_by_side};
 use crate::random::Stream;
 use burn::tensor::Device;
 
@@ -118,6 +118,19 @@ impl DynamicsModel {
     /// Adds `model.l<i>.*` to `weights`.
     pub fn save(&self, weights: &mut Weights) {
         self.learner.mlp().save("model", weights);
+    }
+
+    /// Remembers what the optimiser goes on from.
+    pub fn save_optimizer(&self, memory: &mut Memory) {
+        self.learner.save_optimizer("model", memory);
+    }
+
+    /// Has the optimiser go on from what was remembered.
+    ///
+    /// # Errors
+    /// When something of it is missing or has another shape.
+    pub fn restore_optimizer(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        self.learner.restore_optimizer("model", memory)
     }
 
     /// The gradient of the loss `mean((f(s, a) - s')^2)` over outputs and a batch of `batch_rows`

@@ -1,5 +1,7 @@
 //! Imaginary one-step transitions with noisy actions (paper, equations 7 to 10).
 
+use crate::nn::{Memory, WeightError};
+
 use super::{
     ImaginaryLossMean, ImaginationSettings, Kept, NoiseBound, TargetFilter, UncertaintyFilter,
     World, keep,
@@ -68,11 +70,32 @@ impl Imagination {
 
     /// Starts from a given noise bound and running maximum of the disagreement.
     pub fn with_progress(mut self, noise_bound: f64, running_max: f32) -> Imagination {
+        self.set_progress(noise_bound, running_max);
+        self
+    }
+
+    /// Remembers the noise bound and the running maximum.
+    pub fn remember(&self, memory: &mut Memory) {
+        memory.set("noise_bound", self.noise_bound());
+        memory.set("running_max", self.running_max().into());
+    }
+
+    /// Goes on from what was remembered.
+    ///
+    /// # Errors
+    /// When something of it is missing.
+    pub fn restore(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        let bound = memory.number("noise_bound")?;
+        let running_max = memory.number("running_max")? as f32;
+        self.set_progress(bound, running_max);
+        Ok(())
+    }
+
+    fn set_progress(&mut self, noise_bound: f64, running_max: f32) {
         self.noise = self.noise.at(noise_bound);
         if let Some(filter) = &mut self.filters.uncertainty {
             *filter = filter.at(running_max);
         }
-        self
     }
 
     /// `eta`, the bound of the action noise, now.

@@ -4,7 +4,7 @@
 //! moments as plain slices, in the order in which the module visits its parameters. Group `adam` of
 //! `benches/update.rs` times both.
 
-use super::{Mlp, TrainableMlp};
+use super::{Memory, Mlp, TrainableMlp, WeightError};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
@@ -41,6 +41,24 @@ impl ScalarAdam {
             first: 0.0,
             second: 0.0,
         }
+    }
+
+    /// Remembers steps and moments as `<name>.steps` and so on.
+    pub fn save(&self, name: &str, memory: &mut Memory) {
+        memory.set(&format!("{name}.steps"), self.steps.into());
+        memory.set(&format!("{name}.first"), self.first);
+        memory.set(&format!("{name}.second"), self.second);
+    }
+
+    /// Goes on from what was remembered as `name`.
+    ///
+    /// # Errors
+    /// When something of it is missing.
+    pub fn restore(&mut self, name: &str, memory: &Memory) -> Result<(), WeightError> {
+        self.steps = steps(name, memory)?;
+        self.first = memory.number(&format!("{name}.first"))?;
+        self.second = memory.number(&format!("{name}.second"))?;
+        Ok(())
     }
 
     /// What to subtract for this `gradient`.
@@ -80,6 +98,38 @@ impl Adam {
         }
     }
 
+    /// Remembers the number of steps as `<name>.steps`, and the moments of each array of `mlp`, which is
+    /// saved as `name`, as `<array>.first` and `<array>.second`.
+    pub fn save(&self, name: &str, mlp: &Mlp, memory: &mut Memory) {
+        memory.set(&format!("{name}.steps"), self.steps.into());
+        for ((array, shape), moments) in mlp.arrays(name).iter().zip(&self.moments) {
+            memory.set_array(&format!("{array}.first"), &moments.first, shape);
+            memory.set_array(&format!("{array}.second"), &moments.second, shape);
+        }
+    }
+
+    /// Goes on from what was remembered as `name`.
+    ///
+    /// # Errors
+    /// When something of it is missing or has another shape than `mlp`.
+    pub fn restore(&mut self, name: &str, mlp: &Mlp, memory: &Memory) -> Result<(), WeightError> {
+        self.steps = steps(name, memory)?;
+        // Before the first step there are none.
+        let arrays = if self.steps == 0 {
+            Vec::new()
+        } else {
+            mlp.arrays(name)
+        };
+        let moments = arrays.iter().map(|(array, shape)| {
+            Ok(Moments {
+                first: memory.arrays.get(&format!("{array}.first"), shape)?,
+                second: memory.arrays.get(&format!("{array}.second"), shape)?,
+            })
+        });
+        self.moments = moments.collect::<Result<_, WeightError>>()?;
+        Ok(())
+    }
+
     /// `module` after one step down the sum of `gradients`, each of which has one for every
     /// parameter; `copy` is made equal to the result in the same pass.
     pub fn step(
@@ -100,6 +150,16 @@ impl Adam {
         };
         module.map(&mut mapper)
     }
+}
+
+/// The number of steps of the optimiser remembered as `name`.
+fn steps(name: &str, memory: &Memory) -> Result<i32, WeightError> {
+    let name = format!("{name}.steps");
+    let steps = memory.count(&name)?;
+    i32::try_from(steps).map_err(|_| WeightError::NotACount {
+        name,
+        number: steps as f64,
+    })
 }
 
 struct Mapper<'a> {

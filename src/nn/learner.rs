@@ -1,7 +1,7 @@
 //! A network with its optimiser.
 
 use super::adam::Adam;
-use super::{Mlp, TrainableMlp};
+use super::{Memory, Mlp, TrainableMlp, WeightError};
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor};
@@ -42,6 +42,19 @@ impl Learner {
     /// The device to put the inputs of a loss on.
     pub fn device(&self) -> &Device {
         &self.device
+    }
+
+    /// Remembers what the optimiser of the network saved as `name` goes on from.
+    pub fn save_optimizer(&self, name: &str, memory: &mut Memory) {
+        self.adam.save(name, &self.mlp, memory);
+    }
+
+    /// Has the optimiser go on from what was remembered.
+    ///
+    /// # Errors
+    /// When something of it is missing or has another shape than the network.
+    pub fn restore_optimizer(&mut self, name: &str, memory: &Memory) -> Result<(), WeightError> {
+        self.adam.restore(name, &self.mlp, memory)
     }
 
     /// See [`Mlp::set_output_bias`]; to be used before training, for it forgets the moments.

@@ -108,14 +108,23 @@ impl Mlp {
             .flat_map(|layer| [&mut layer.weight, &mut layer.bias])
     }
 
+    /// Name and shape of each of the [`parameters`](Mlp::parameters) of the perceptron saved as `name`.
+    pub(super) fn arrays(&self, name: &str) -> Vec<(String, Vec<usize>)> {
+        let layers = self.layers.iter().enumerate();
+        let arrays = layers.flat_map(|(i, layer)| {
+            let name = format!("{name}.l{}", i + 1);
+            [
+                (format!("{name}.weight"), vec![layer.inputs, layer.outputs]),
+                (format!("{name}.bias"), vec![layer.outputs]),
+            ]
+        });
+        arrays.collect()
+    }
+
     /// Adds `<name>.l<i>.weight` (`[inputs, outputs]`) and `<name>.l<i>.bias` to `weights`, `i` from 1.
     pub fn save(&self, name: &str, weights: &mut Weights) {
-        for (i, layer) in self.layers.iter().enumerate() {
-            let name = format!("{name}.l{}", i + 1);
-            let weight = TensorData::new(layer.weight.clone(), [layer.inputs, layer.outputs]);
-            weights.insert(format!("{name}.weight"), weight);
-            let bias = TensorData::new(layer.bias.clone(), [layer.outputs]);
-            weights.insert(format!("{name}.bias"), bias);
+        for ((name, shape), numbers) in self.arrays(name).into_iter().zip(self.parameters()) {
+            weights.insert(name, TensorData::new(numbers.clone(), shape));
         }
     }
 

@@ -6,6 +6,7 @@
 mod adam;
 mod coupling;
 mod learner;
+mod memory;
 mod mlp;
 mod scaling;
 mod settings;
@@ -16,6 +17,7 @@ mod weights;
 pub use adam::ScalarAdam;
 pub use coupling::Coupling;
 pub use learner::{Gradient, Learner};
+pub use memory::Memory;
 pub use mlp::Mlp;
 pub use scaling::{ObservationScaling, RunningMoments};
 pub use settings::{Backend, NetworkSettings, ScalingSettings};

@@ -2,9 +2,10 @@
 
 use super::{WeightError, Weights};
 use burn::tensor::TensorData;
+use serde::{Deserialize, Serialize};
 
 /// Mean and deviation of all observations seen, by Welford's method in double precision.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunningMoments {
     count: u64,
     mean: Vec<f64>,
@@ -20,6 +21,11 @@ impl RunningMoments {
             mean: vec![0.0; size],
             squares: vec![0.0; size],
         }
+    }
+
+    /// Length of an observation.
+    pub fn size(&self) -> usize {
+        self.mean.len().min(self.squares.len())
     }
 
     /// Takes one observation into account.

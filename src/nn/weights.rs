@@ -31,6 +31,14 @@ pub enum WeightError {
     /// A bound or a deviation is not above 0.
     #[error("array `{0}` holds a number that is not above 0")]
     NotPositive(&'static str),
+    /// What should be a count is none.
+    #[error("`{name}` is {number}, not a count")]
+    NotACount {
+        /// Its name.
+        name: String,
+        /// What it is.
+        number: f64,
+    },
     /// Not a `safetensors` file of single-precision arrays, or cut short.
     #[error("not a whole safetensors file of 32-bit floats: {0}")]
     Format(String),

@@ -1,9 +1,10 @@
 //! A batch of transitions.
 
 use super::Transition;
+use serde::{Deserialize, Serialize};
 
 /// Columns of `rows` transitions, row by row, unscaled.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Batch {
     /// Number of transitions `n`.
     pub rows: usize,

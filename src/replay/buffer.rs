@@ -3,6 +3,8 @@
 use super::Batch;
 use crate::random::Stream;
 use rand::RngExt;
+use std::collections::TryReserveError;
+use std::ops::Range;
 
 /// One transition as it happened, unscaled.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +24,21 @@ pub struct Transition<'a> {
 }
 
 impl Transition<'_> {
+    /// Name of the first part that is not finite.
+    pub fn not_finite(&self) -> Option<&'static str> {
+        let parts = [
+            ("the observation", self.obs),
+            ("the previous action", self.previous_action),
+            ("the action", self.action),
+            ("the reward", &[self.reward]),
+            ("the next observation", self.next_obs),
+        ];
+        let finite = |numbers: &[f32]| numbers.iter().all(|x| x.is_finite());
+        parts
+            .into_iter()
+            .find_map(|(name, numbers)| (!finite(numbers)).then_some(name))
+    }
+
     /// Whether the task ended, as 1 or 0.
     pub(super) fn ended(&self) -> f32 {
         f32::from(u8::from(self.terminated))
@@ -37,8 +54,8 @@ pub struct ReplayBuffer {
     capacity: usize,
     /// Rows of `s | p | a | s' | r | d`; grows up to the capacity.
     rows: Vec<f32>,
-    /// Row that the next transition is written to.
-    next: usize,
+    /// Transitions ever stored. Number n, counted from 0, lies in row n modulo the capacity.
+    pushed: u64,
 }
 
 impl ReplayBuffer {
@@ -49,13 +66,86 @@ impl ReplayBuffer {
             action_size,
             capacity,
             rows: Vec::new(),
-            next: 0,
+            pushed: 0,
         }
     }
 
+    /// Has the next transition of a buffer that is empty be number `first`, as if those before it had been
+    /// overwritten already; they are to be followed by as many as the buffer holds.
+    pub(super) fn skip_to(&mut self, first: u64) {
+        self.pushed = first;
+        if first > 0 {
+            self.rows.resize(self.numbers(self.capacity as u64), 0.0);
+        }
+    }
+
+    /// Stores transitions as they lie in the buffer: rows `s | p | a | s' | r | d`.
+    pub(super) fn push_rows(&mut self, numbers: &[f32]) {
+        for row in numbers.chunks_exact(self.width()) {
+            self.next_row().copy_from_slice(row);
+            self.pushed += 1;
+        }
+    }
+
+    /// Numbers a transition of these sizes takes.
+    pub fn row_width(obs_size: usize, action_size: usize) -> usize {
+        2 * obs_size + 2 * action_size + 2
+    }
+
+    /// Asks for the memory of a full buffer at once, so that it need not be copied as it fills. The
+    /// system gives it bit by bit.
+    ///
+    /// # Errors
+    /// When there is not that much.
+    pub fn reserve(&mut self) -> Result<(), TryReserveError> {
+        let missing = (self.capacity * self.width()).saturating_sub(self.rows.len());
+        self.rows.try_reserve_exact(missing)
+    }
+
     /// Numbers a transition takes.
-    fn width(&self) -> usize {
-        2 * self.obs_size + 2 * self.action_size + 2
+    pub fn width(&self) -> usize {
+        ReplayBuffer::row_width(self.obs_size, self.action_size)
+    }
+
+    /// Numbers that `transitions` take.
+    fn numbers(&self, transitions: u64) -> usize {
+        transitions as usize * self.width()
+    }
+
+    /// Transitions ever stored.
+    pub fn pushed(&self) -> u64 {
+        self.pushed
+    }
+
+    /// The numbers of the transitions that are still there after `pushed`, counted from the first one ever
+    /// stored.
+    pub(super) fn stored_of(&self, pushed: u64) -> Range<u64> {
+        pushed.saturating_sub(self.capacity as u64)..pushed
+    }
+
+    /// The numbers of the transitions that are there.
+    pub fn stored(&self) -> Range<u64> {
+        self.stored_of(self.pushed)
+    }
+
+    /// The transitions with the numbers `range`, which must be there, as runs of rows
+    /// `s | p | a | s' | r | d`.
+    pub fn rows(&self, range: Range<u64>) -> impl Iterator<Item = &[f32]> {
+        self.runs(range).map(|run| &self.rows[self.place(&run)])
+    }
+
+    /// `range` cut where the ring begins anew.
+    fn runs(&self, range: Range<u64>) -> impl Iterator<Item = Range<u64>> + use<> {
+        let capacity = self.capacity as u64;
+        let turn = (range.start / capacity + 1) * capacity;
+        let (first, second) = (range.start..range.end.min(turn), turn..range.end);
+        [first, second].into_iter().filter(|run| !run.is_empty())
+    }
+
+    /// Where the numbers of a run are.
+    fn place(&self, run: &Range<u64>) -> Range<usize> {
+        let start = self.numbers(run.start % self.capacity as u64);
+        start..start + self.numbers(run.end - run.start)
     }
 
     /// Transitions stored.
@@ -70,18 +160,27 @@ impl ReplayBuffer {
 
     /// Stores a transition, over the oldest one when the buffer is full.
     pub fn push(&mut self, t: Transition<'_>) {
-        let (start, width) = (self.next * self.width(), self.width());
-        if self.rows.len() == start {
-            self.rows.resize(start + width, 0.0);
-        }
-        let mut row = &mut self.rows[start..start + width];
+        let mut row = self.next_row();
         let end = [t.reward, f32::from(u8::from(t.terminated))];
         for part in [t.obs, t.previous_action, t.action, t.next_obs, &end] {
             let (head, tail) = row.split_at_mut(part.len());
             head.copy_from_slice(part);
             row = tail;
         }
-        self.next = (self.next + 1) % self.capacity;
+        self.pushed += 1;
+    }
+
+    /// Row that the next transition is written to.
+    fn next(&self) -> usize {
+        (self.pushed % self.capacity as u64) as usize
+    }
+
+    fn next_row(&mut self) -> &mut [f32] {
+        let (start, width) = (self.next() * self.width(), self.width());
+        if self.rows.len() == start {
+            self.rows.resize(start + width, 0.0);
+        }
+        &mut self.rows[start..start + width]
     }
 
     /// `rows` transitions, uniform with replacement.
@@ -97,10 +196,8 @@ impl ReplayBuffer {
     pub fn newest(&self, rows: usize) -> Batch {
         let stored = self.len();
         let rows = rows.min(stored);
-        self.gather(
-            (1..=rows).map(|back| (self.next + stored - back) % stored),
-            rows,
-        )
+        let next = self.next();
+        self.gather((1..=rows).map(|back| (next + stored - back) % stored), rows)
     }
 
     fn gather(&self, indices: impl Iterator<Item = usize>, rows: usize) -> Batch {

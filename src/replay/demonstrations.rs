@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use rand::RngExt;
 
 use crate::env::Spec;
+use crate::files::{Checksum, Checksummer};
 use crate::random::Stream;
 use crate::recording::{FindError, Recording, RecordingError, Rows, find};
 
@@ -188,6 +189,26 @@ impl Demonstrations {
     /// Number of states that precede an action, over all trajectories.
     pub fn states(&self) -> usize {
         self.trajectories.iter().map(|t| t.action.rows()).sum()
+    }
+
+    /// Of all their numbers, in order.
+    pub fn checksum(&self) -> Checksum {
+        let mut checksummer = Checksummer::default();
+        for demonstration in &self.trajectories {
+            for rows in [
+                &demonstration.action,
+                &demonstration.qpos,
+                &demonstration.qvel,
+            ] {
+                checksummer.add(&(rows.rows() as u64).to_le_bytes());
+                for row in 0..rows.rows() {
+                    for number in rows.get(row).unwrap_or_default() {
+                        checksummer.add(&number.to_le_bytes());
+                    }
+                }
+            }
+        }
+        checksummer.checksum()
     }
 
     /// A uniformly random one of the states that precede an action, of a uniformly random trajectory.

@@ -3,12 +3,15 @@
 //! Wall-clock figures live in `timing.csv` alone, so that two runs of one seed are equal byte for
 //! byte in the other two. A figure that does not exist in a row is an empty field.
 
-use super::Evaluation;
+use super::manifest::Seal;
 use super::telemetry::ImaginedErrors;
+use super::{DiskError, Evaluation};
 use crate::agent::Figures;
-use serde::Serialize;
-use std::fs::File;
-use std::path::Path;
+use crate::files::{FileError, Files};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
 
 /// One row of `eval.csv`.
 #[derive(Debug, Serialize)]
@@ -90,7 +93,7 @@ pub(super) struct TimingRow {
 }
 
 /// A mean that may be of nothing.
-#[derive(Debug, Default, Clone, Copy)]
+#[derive(Debug, Default, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Mean {
     sum: f64,
     n: u64,
@@ -108,7 +111,7 @@ impl Mean {
 }
 
 /// What happened since the last row of `train.csv`.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Interval {
     episodes: u64,
     episode_return: Mean,
@@ -202,30 +205,120 @@ impl Interval {
     }
 }
 
-/// The three files, each row flushed as it is written, so that a crash costs no row.
+/// The files, in the order of [`Curves`]' tables.
+const FILES: [&str; 3] = ["train.csv", "eval.csv", "timing.csv"];
+
+/// The three files. Each row is written at once, so that a crash costs no row that was there.
 pub(super) struct Curves {
-    pub train: csv::Writer<File>,
-    pub eval: csv::Writer<File>,
-    pub timing: csv::Writer<File>,
+    files: Files,
+    train: Table,
+    eval: Table,
+    timing: Table,
+}
+
+fn length(sealed: &BTreeMap<String, Seal>, name: &str) -> u64 {
+    sealed.get(name).map_or(0, |seal| seal.bytes)
+}
+
+/// One file.
+struct Table {
+    path: PathBuf,
+    file: File,
+    /// The header is still to be written.
+    empty: bool,
 }
 
 impl Curves {
-    /// Creates the files in the run directory.
-    pub(super) fn create(directory: &Path) -> Result<Curves, csv::Error> {
-        let create = |name| csv::Writer::from_path(directory.join(name));
+    /// Makes the files in the run directory.
+    pub(super) fn create(files: &Files, directory: &Path) -> Result<Curves, FileError> {
+        let create = |name| {
+            let path = directory.join(name);
+            let file = files.create(&path)?;
+            Ok::<_, FileError>(Table {
+                path,
+                file,
+                empty: true,
+            })
+        };
+        let [train, eval, timing] = FILES;
         Ok(Curves {
-            train: create("train.csv")?,
-            eval: create("eval.csv")?,
-            timing: create("timing.csv")?,
+            train: create(train)?,
+            eval: create(eval)?,
+            timing: create(timing)?,
+            files: files.clone(),
         })
+    }
+
+    /// Opens the files in the run directory, to go on after what is sealed of each once they are
+    /// [`cut`](Curves::cut).
+    pub(super) fn open(
+        files: &Files,
+        directory: &Path,
+        sealed: &BTreeMap<String, Seal>,
+    ) -> Result<Curves, FileError> {
+        let open = |name: &str| {
+            let path = directory.join(name);
+            Ok::<_, FileError>(Table {
+                file: files.open_to_append(&path)?,
+                path,
+                empty: length(sealed, name) == 0,
+            })
+        };
+        let [train, eval, timing] = FILES;
+        Ok(Curves {
+            train: open(train)?,
+            eval: open(eval)?,
+            timing: open(timing)?,
+            files: files.clone(),
+        })
+    }
+
+    /// Removes the rows after what is sealed.
+    pub(super) fn cut(&self, sealed: &BTreeMap<String, Seal>) -> Result<(), FileError> {
+        let tables = [&self.train, &self.eval, &self.timing];
+        let mut named = FILES.iter().zip(tables);
+        named.try_for_each(|(name, table)| self.files.truncate(&table.path, length(sealed, name)))
+    }
+
+    /// Waits until all rows outlive a loss of power, and seals them.
+    pub(super) fn seal(&self) -> Result<BTreeMap<String, Seal>, FileError> {
+        let tables = [&self.train, &self.eval, &self.timing];
+        let seals = FILES.iter().zip(tables).map(|(name, table)| {
+            self.files.sync(&table.file, &table.path)?;
+            let bytes = fs::read(&table.path).map_err(FileError::at(&table.path))?;
+            Ok(((*name).to_owned(), Seal::of(&bytes)))
+        });
+        seals.collect()
+    }
+
+    /// Writes a row of `eval.csv`.
+    pub(super) fn evaluated(&mut self, row: EvalRow) -> Result<(), DiskError> {
+        self.eval.write(&self.files, row)
+    }
+
+    /// Writes a row of `train.csv` and one of `timing.csv`.
+    pub(super) fn trained(&mut self, row: TrainRow, timing: TimingRow) -> Result<(), DiskError> {
+        self.train.write(&self.files, row)?;
+        self.timing.write(&self.files, timing)
     }
 }
 
-/// Writes and flushes one row.
-pub(super) fn write<R: Serialize>(
-    writer: &mut csv::Writer<File>,
-    row: R,
-) -> Result<(), csv::Error> {
-    writer.serialize(row)?;
-    Ok(writer.flush()?)
+impl Table {
+    fn write(&mut self, files: &Files, row: impl Serialize) -> Result<(), DiskError> {
+        let mut writer = csv::WriterBuilder::new()
+            .has_headers(self.empty)
+            .from_writer(Vec::new());
+        let wrong = |path: &Path, error| DiskError::Row {
+            path: path.to_owned(),
+            error,
+        };
+        writer
+            .serialize(row)
+            .map_err(|error| wrong(&self.path, error))?;
+        let line = writer.into_inner();
+        let line = line.map_err(|error| wrong(&self.path, error.into_error().into()))?;
+        files.append(&mut self.file, &self.path, &line)?;
+        self.empty = false;
+        Ok(())
+    }
 }

@@ -1,15 +1,18 @@
 //! Why a run ends badly.
 
-use super::{CheckpointError, RunDirectoryError};
+use super::{CheckpointError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
+use crate::config::ConfigError;
 use crate::env::MakeError;
+use crate::files::FileError;
 use crate::replay::DemonstrationError;
+use std::collections::TryReserveError;
 use std::path::PathBuf;
 
 /// Why a run ended badly.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainError {
-    /// A loss is not finite; the last checkpoint was left as it was.
+    /// A number is not finite; the last checkpoint was left as it was.
     #[error(
         "step {step}: {quantity} is not finite; {}",
         good_checkpoint(checkpoint)
@@ -22,6 +25,9 @@ pub enum TrainError {
         /// The last good checkpoint.
         checkpoint: Option<PathBuf>,
     },
+    /// The configuration of a run can't be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
     /// The task can't be made.
     #[error(transparent)]
     Task(#[from] MakeError),
@@ -34,9 +40,76 @@ pub enum TrainError {
     /// A file of the run directory can't be written.
     #[error(transparent)]
     RunDirectory(#[from] RunDirectoryError),
-    /// A checkpoint can't be saved.
+    /// A checkpoint can't be read.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// The system refused before training began.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A disk refused, perhaps because it is full.
+    #[error("{error}; {}", good_checkpoint(checkpoint))]
+    Disk {
+        /// What was refused; part of the message, and hence no source of it.
+        error: DiskError,
+        /// The last good checkpoint.
+        checkpoint: Option<PathBuf>,
+    },
+    /// The replay buffer would not fit.
+    #[error(transparent)]
+    Memory(#[from] NotEnoughMemory),
+    /// The system does not give the memory of the replay buffer.
+    #[error(
+        "replay buffer, {memory}: the system does not give that much ({error}); lower replay.capacity"
+    )]
+    Replay {
+        /// What it takes.
+        memory: ReplayMemory,
+        /// What the system said.
+        error: TryReserveError,
+    },
+    /// A run can't go on as it was.
+    #[error(
+        "{}: something has changed since the checkpoint:\n  {}\n{}",
+        path.display(),
+        differences.join("\n  "),
+        if *harmless {
+            "this need not change results; --force goes on all the same"
+        } else {
+            "this would change the results of the run: undo it, or train anew with --out"
+        }
+    )]
+    Changed {
+        /// The run directory.
+        path: PathBuf,
+        /// Each difference in words.
+        differences: Vec<String>,
+        /// Whether going on can be forced.
+        harmless: bool,
+    },
+    /// A run was not saved to go on from.
+    #[error(
+        "{}: the run was made with checkpoint.replay = false: it can be evaluated, but not resumed",
+        .0.display()
+    )]
+    NotResumable(PathBuf),
+    /// A run is asked to end before where it is.
+    #[error(
+        "steps = {asked}: the run has taken {taken} steps already; at least {taken} would be right"
+    )]
+    StepsTaken {
+        /// Steps that the checkpoint is after.
+        taken: u64,
+        /// Steps asked for.
+        asked: u64,
+    },
+    /// No checkpoint of a run is whole.
+    #[error("no checkpoint of the run is whole: {last}; and of the one before it, {previous}")]
+    NoGoodCheckpoint {
+        /// What is wrong with the last one.
+        last: Box<TrainError>,
+        /// What is wrong with the one before.
+        previous: Box<TrainError>,
+    },
     /// The threads can't be started.
     #[error("can't start {threads} threads: {error}")]
     Threads {
@@ -45,14 +118,34 @@ pub enum TrainError {
         /// What the system said.
         error: rayon::ThreadPoolBuildError,
     },
-    /// A curve can't be written.
-    #[error("{}: can't write the learning curves: {error}", path.display())]
-    Curves {
-        /// The run directory.
+}
+
+/// What a disk refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DiskError {
+    /// A file or directory.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A row of a curve that has no form as a line.
+    #[error("{}: {error}", path.display())]
+    Row {
+        /// The file.
         path: PathBuf,
-        /// What went wrong.
+        /// What is wrong.
         error: csv::Error,
     },
+}
+
+impl TrainError {
+    /// Whether a checkpoint is damaged or can't be read, so that an older one may serve.
+    pub(super) fn is_damage(&self) -> bool {
+        use CheckpointError::{Damaged, File, Missing};
+        matches!(
+            self,
+            TrainError::Checkpoint(Damaged { .. } | File(_) | Missing(_))
+        )
+    }
 }
 
 fn good_checkpoint(checkpoint: &Option<PathBuf>) -> String {

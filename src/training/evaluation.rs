@@ -124,6 +124,16 @@ impl Evaluator {
         self.envs[0].spec()
     }
 
+    /// The generator of the next episodes.
+    pub(super) fn stream(&self) -> &Stream {
+        &self.rng
+    }
+
+    /// Has the next episodes drawn from `rng`.
+    pub(super) fn set_stream(&mut self, rng: Stream) {
+        self.rng = rng;
+    }
+
     /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not
     /// depend on which environment it runs in, nor on the number of threads.
     pub fn evaluate(&mut self, policy: &Policy, episodes: usize) -> Evaluation {

@@ -1,10 +1,12 @@
 //! Where transitions come from: the running episode and, with demonstrations, short segments beside it.
 
 use super::telemetry::Reservoir;
-use crate::env::{Env, Spec, Start};
+use crate::env::{Env, EnvState, Spec, Start};
+use crate::files::Checksum;
 use crate::nn::RunningMoments;
 use crate::random::Stream;
 use crate::replay::{Demonstrations, ReplayBuffer, SegmentStart, Segments, Transition};
+use serde::{Deserialize, Serialize};
 
 /// An environment with its running episode.
 pub(super) struct Runner {
@@ -30,6 +32,36 @@ pub(super) struct Side {
     in_main: bool,
 }
 
+/// An environment and its running episode, to go on from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct RunnerState {
+    env: EnvState,
+    rng: Stream,
+    obs: Vec<f32>,
+    previous_action: Vec<f32>,
+    episode_return: f64,
+    length: u64,
+}
+
+/// The segments, to go on from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct SideState {
+    runner: RunnerState,
+    /// Of the demonstrations that segments begin in.
+    demonstrations: Checksum,
+    segments: Segments,
+    rng: Stream,
+    left: u64,
+    in_main: bool,
+}
+
+/// Where transitions come from, to go on from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct ExperienceState {
+    main: RunnerState,
+    side: Option<SideState>,
+}
+
 /// Where transitions go.
 pub(super) struct Sinks<'a> {
     /// What is learned from.
@@ -46,7 +78,12 @@ pub(super) struct Experience {
     side: Option<Side>,
 }
 
+/// A number of a step is not finite in single precision: its name. The step is not stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct NotFinite(pub &'static str);
+
 /// What one step brought.
+#[derive(Debug)]
 pub(super) struct Taken {
     /// The reward; none where the simulation blew up.
     pub reward: Option<f64>,
@@ -66,6 +103,37 @@ impl Runner {
             episode_return: 0.0,
             length: 0,
         }
+    }
+
+    /// What it goes on from.
+    fn snapshot(&self) -> RunnerState {
+        RunnerState {
+            env: self.env.snapshot(),
+            rng: self.rng.clone(),
+            obs: self.obs.clone(),
+            previous_action: self.previous_action.clone(),
+            episode_return: self.episode_return,
+            length: self.length,
+        }
+    }
+
+    /// Goes on from `state`.
+    ///
+    /// # Errors
+    /// Says so if it is of another task.
+    fn restore(&mut self, state: RunnerState) -> Result<(), String> {
+        let restored = self.env.restore(&state.env);
+        restored.map_err(|mismatch| mismatch.to_string())?;
+        let lengths = [state.obs.len(), state.previous_action.len()];
+        if lengths != [self.obs.len(), self.previous_action.len()] {
+            return Err("the saved observation or action is of another task".to_owned());
+        }
+        self.rng = state.rng;
+        self.obs = state.obs;
+        self.previous_action = state.previous_action;
+        self.episode_return = state.episode_return;
+        self.length = state.length;
+        Ok(())
     }
 
     fn reset(&mut self, moments: &mut RunningMoments) {
@@ -104,7 +172,15 @@ impl Runner {
 
     /// Executes `action` and stores the transition unless the simulation blew up; whether the episode
     /// ended, and the reward.
-    fn step(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> (bool, Option<f64>) {
+    fn step(
+        &mut self,
+        action: &[f32],
+        sinks: &mut Sinks<'_>,
+    ) -> Result<(bool, Option<f64>), NotFinite> {
+        // The simulator takes such a command for one of 0, and carries on.
+        if action.iter().any(|a| !a.is_finite()) {
+            return Err(NotFinite("the action"));
+        }
         let place = sinks.reservoir.as_mut().and_then(|r| r.place());
         let kept = place.map(|place| (place, self.env.snapshot()));
         let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
@@ -112,11 +188,10 @@ impl Runner {
         let outcome = self.env.step(&command, &mut observation);
         let ended = outcome.terminated || outcome.truncated;
         if outcome.diverged {
-            return (ended, None);
+            return Ok((ended, None));
         }
         let mut next_obs = vec![0.0; self.obs.len()];
         write_single(&mut next_obs, &observation);
-        sinks.moments.add(&observation);
         let transition = Transition {
             obs: &self.obs,
             action,
@@ -125,6 +200,10 @@ impl Runner {
             terminated: outcome.terminated,
             previous_action: &self.previous_action,
         };
+        if let Some(name) = transition.not_finite() {
+            return Err(NotFinite(name));
+        }
+        sinks.moments.add(&observation);
         if let (Some(reservoir), Some((place, state))) = (&mut sinks.reservoir, kept) {
             reservoir.keep(place, state, &transition);
         }
@@ -133,17 +212,17 @@ impl Runner {
         self.previous_action.copy_from_slice(action);
         self.episode_return += outcome.reward;
         self.length += 1;
-        (ended, Some(outcome.reward))
+        Ok((ended, Some(outcome.reward)))
     }
 
     /// A step after which a new episode begins if this one ended.
-    fn step_on(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> Taken {
-        let (ended, reward) = self.step(action, sinks);
+    fn step_on(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> Result<Taken, NotFinite> {
+        let (ended, reward) = self.step(action, sinks)?;
         let ended = ended.then_some((self.episode_return, self.length));
         if ended.is_some() {
             self.reset(sinks.moments);
         }
-        Taken { reward, ended }
+        Ok(Taken { reward, ended })
     }
 }
 
@@ -186,6 +265,44 @@ impl Experience {
         Experience { main, side }
     }
 
+    /// What it goes on from.
+    pub fn snapshot(&self) -> ExperienceState {
+        ExperienceState {
+            main: self.main.snapshot(),
+            side: self.side.as_ref().map(|side| SideState {
+                runner: side.runner.snapshot(),
+                demonstrations: side.demonstrations.checksum(),
+                segments: side.segments.clone(),
+                rng: side.rng.clone(),
+                left: side.left,
+                in_main: side.in_main,
+            }),
+        }
+    }
+
+    /// Goes on from `state`, with the demonstrations that it was saved with.
+    ///
+    /// # Errors
+    /// Says so if it is of another task, or the demonstrations are others.
+    pub fn restore(&mut self, state: ExperienceState) -> Result<(), String> {
+        self.main.restore(state.main)?;
+        match (&mut self.side, state.side) {
+            (None, None) => Ok(()),
+            (Some(side), Some(state)) => {
+                if side.demonstrations.checksum() != state.demonstrations {
+                    return Err("the demonstrations are not those that the run began with".into());
+                }
+                side.runner.restore(state.runner)?;
+                side.segments = state.segments;
+                side.rng = state.rng;
+                side.left = state.left;
+                side.in_main = state.in_main;
+                Ok(())
+            }
+            _ => Err("the run was saved with demonstrations, or without".to_owned()),
+        }
+    }
+
     /// Sizes, ranges and limits of the task.
     pub fn spec(&self) -> &Spec {
         self.main.env.spec()
@@ -210,15 +327,18 @@ impl Experience {
 
     /// Executes `action` and stores the transition; begins a new episode or segment where one ends. The
     /// end of a segment is no end of anything in what is stored.
-    pub fn step(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> Taken {
+    ///
+    /// # Errors
+    /// When a number is not finite where the simulation did not blow up.
+    pub fn step(&mut self, action: &[f32], sinks: &mut Sinks<'_>) -> Result<Taken, NotFinite> {
         let Some(side) = &mut self.side else {
             return self.main.step_on(action, sinks);
         };
         side.left -= 1;
         let taken = if side.in_main {
-            self.main.step_on(action, sinks)
+            self.main.step_on(action, sinks)?
         } else {
-            let (ended, reward) = side.runner.step(action, sinks);
+            let (ended, reward) = side.runner.step(action, sinks)?;
             if ended {
                 side.left = 0;
             }
@@ -230,7 +350,7 @@ impl Experience {
         if side.left == 0 {
             side.begin_segment(sinks.moments);
         }
-        taken
+        Ok(taken)
     }
 }
 
@@ -321,7 +441,7 @@ mod tests {
                 moments: &mut moments,
                 reservoir: None,
             };
-            let taken = experience.step(&[0.0; 2], &mut sinks);
+            let taken = experience.step(&[0.0; 2], &mut sinks).unwrap();
             (main, obs, previous, taken.ended.is_some())
         });
         let taken = taken.collect();

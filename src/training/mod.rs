@@ -5,13 +5,20 @@ mod curves;
 mod error;
 mod evaluation;
 mod experience;
+mod lock;
+mod manifest;
+mod memory;
 mod provenance;
 mod run_directory;
 mod telemetry;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
-pub use error::TrainError;
+pub use error::{DiskError, TrainError};
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator, Watch};
+pub use lock::LockError;
+pub use memory::{NotEnoughMemory, ReplayMemory};
 pub use run_directory::{RunDirectory, RunDirectoryError};
-pub use trainer::{Monitor, Outcome, Status, Trainer, demonstrations, fresh_agent};
+pub use trainer::{
+    Monitor, Outcome, ResumeOptions, Resumed, Status, Trainer, demonstrations, fresh_agent,
+};

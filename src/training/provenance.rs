@@ -1,6 +1,7 @@
 //! Where a run's figures come from: `run.json`.
 
 use serde::Serialize;
+use serde_json::{Map, Value};
 use std::time::SystemTime;
 
 /// Versions, commit, host and command of a run.
@@ -17,7 +18,36 @@ pub(super) struct Provenance {
     cpus: Option<usize>,
 }
 
+/// A continuation of a run: from which step, and by which process.
+#[derive(Debug, Serialize)]
+struct Resumed {
+    step: u64,
+    #[serde(flatten)]
+    by: Provenance,
+}
+
 impl Provenance {
+    /// As the contents of the file.
+    pub(super) fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("plain data is JSON")
+    }
+
+    /// The contents of a file that held `json`, with this process as one that goes on from `step`. A file
+    /// that can't be read is begun anew.
+    pub(super) fn after(self, json: &str, step: u64) -> String {
+        let mut run: Map<String, Value> = serde_json::from_str(json).unwrap_or_default();
+        let resumed = Resumed { step, by: self };
+        let resumed = serde_json::to_value(resumed).expect("plain data is JSON");
+        match run
+            .entry("resumed")
+            .or_insert_with(|| Value::Array(Vec::new()))
+        {
+            Value::Array(list) => list.push(resumed),
+            other => *other = Value::Array(vec![resumed]),
+        }
+        serde_json::to_string_pretty(&run).expect("plain data is JSON")
+    }
+
     /// Of this process.
     pub(super) fn here() -> Provenance {
         Provenance {
@@ -27,18 +57,21 @@ impl Provenance {
             rustc: env!("MAMF_RUSTC"),
             command: std::env::args().collect(),
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
-            host: read_line("/proc/sys/kernel/hostname"),
-            cpu: cpu_model(),
+            host: host(),
+            cpu: processor(),
             cpus: std::thread::available_parallelism().ok().map(usize::from),
         }
     }
 }
 
-fn read_line(path: &str) -> Option<String> {
-    Some(std::fs::read_to_string(path).ok()?.trim().to_owned())
+/// Name of this machine.
+pub(super) fn host() -> Option<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
+    Some(name.trim().to_owned())
 }
 
-fn cpu_model() -> Option<String> {
+/// Model of the processor.
+pub(super) fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())

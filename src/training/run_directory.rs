@@ -1,11 +1,19 @@
 //! The directory of a run.
 
+use super::lock::{LOCK, LockError, RunLock};
 use crate::config::Config;
+use crate::files::{FileError, Files};
+use std::ffi::OsStr;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// `config.toml`, `run.json`, the curves and `checkpoints/{last,best}` of one run.
-#[derive(Debug, Clone)]
-pub struct RunDirectory(PathBuf);
+/// `config.toml`, `run.json`, the curves and the checkpoints of one run, which this process alone works on.
+#[derive(Debug)]
+pub struct RunDirectory {
+    path: PathBuf,
+    files: Files,
+    lock: RunLock,
+}
 
 /// Why a run directory can't be made.
 #[derive(Debug, thiserror::Error)]
@@ -13,21 +21,25 @@ pub struct RunDirectory(PathBuf);
 pub enum RunDirectoryError {
     /// It is there already; nothing was touched.
     #[error(
-        "{} exists already and is left as it is; choose another --out, or overwrite it with --force",
+        "{} exists already and is left as it is; choose another --out, go on with it with --resume, or overwrite it with --force",
         .0.display()
     )]
     Exists(PathBuf),
     /// `--force` on something that is no run.
     #[error("{} is no run directory (it lacks config.toml or run.json) and is left as it is, --force or not", .0.display())]
     NotARun(PathBuf),
+    /// There is nothing to resume.
+    #[error(
+        "{}: no run to resume here (expected a run directory, with config.toml); `mamf train --config FILE` begins one",
+        .0.display()
+    )]
+    NoRun(PathBuf),
+    /// Another process works on it.
+    #[error(transparent)]
+    Locked(#[from] LockError),
     /// The system refused.
-    #[error("{}: {error}", path.display())]
-    Io {
-        /// What was to be made or removed.
-        path: PathBuf,
-        /// What the system said.
-        error: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 /// What a run writes beside its checkpoints.
@@ -39,16 +51,23 @@ const FILES: [&str; 5] = [
     "timing.csv",
 ];
 
-/// Removes what a run wrote to `path`, and nothing else that may lie there.
-fn remove_run(path: &Path) -> std::io::Result<()> {
-    let missing = |error: &std::io::Error| error.kind() == std::io::ErrorKind::NotFound;
-    let checkpoints = std::fs::remove_dir_all(path.join("checkpoints"));
-    let files = FILES.map(|name| std::fs::remove_file(path.join(name)));
-    files
-        .into_iter()
-        .chain([checkpoints])
-        .find(|removed| removed.as_ref().is_err_and(|error| !missing(error)))
-        .unwrap_or(Ok(()))
+/// Whether nothing lies in the directory `path`, or only what a process leaves that ended before its run
+/// began.
+fn is_vacant(path: &Path) -> std::io::Result<bool> {
+    let mut entries = match std::fs::read_dir(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(true),
+        entries => entries?,
+    };
+    let leftover = |name: &OsStr| {
+        name == LOCK
+            || name == "config.toml.new"
+            || name == "checkpoints" && is_empty(&path.join(name))
+    };
+    Ok(entries.all(|entry| entry.is_ok_and(|entry| leftover(&entry.file_name()))))
+}
+
+fn is_empty(directory: &Path) -> bool {
+    std::fs::read_dir(directory).is_ok_and(|mut entries| entries.next().is_none())
 }
 
 impl RunDirectory {
@@ -68,52 +87,126 @@ impl RunDirectory {
     /// removed, and others in it are left.
     ///
     /// # Errors
-    /// When it exists, is no run, or the system refuses.
+    /// When it exists, is no run, another process works on it or the system refuses.
     pub fn create(path: &Path, force: bool) -> Result<RunDirectory, RunDirectoryError> {
-        let io = |error| RunDirectoryError::Io {
-            path: path.to_owned(),
-            error,
-        };
-        let occupied = match std::fs::read_dir(path) {
-            Ok(mut entries) => entries.next().is_some(),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => false,
-            Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
+        RunDirectory::create_on(Files::default(), path, force)
+    }
+
+    /// As [`create`](RunDirectory::create), all that the run keeps being written through `files`.
+    ///
+    /// # Errors
+    /// As [`create`](RunDirectory::create).
+    pub fn create_on(
+        files: Files,
+        path: &Path,
+        force: bool,
+    ) -> Result<RunDirectory, RunDirectoryError> {
+        let io = |error| FileError::at(path)(error);
+        let vacant = match is_vacant(path) {
+            Err(error) if error.kind() == ErrorKind::NotADirectory => {
                 return Err(RunDirectoryError::NotARun(path.to_owned()));
             }
-            Err(error) => return Err(io(error)),
+            vacant => vacant.map_err(io)?,
         };
-        if occupied {
-            if !force {
-                return Err(RunDirectoryError::Exists(path.to_owned()));
-            }
-            if !["config.toml", "run.json"]
-                .iter()
-                .all(|name| path.join(name).is_file())
-            {
-                return Err(RunDirectoryError::NotARun(path.to_owned()));
-            }
-            remove_run(path).map_err(io)?;
+        if !vacant && !force {
+            return Err(RunDirectoryError::Exists(path.to_owned()));
         }
-        std::fs::create_dir_all(path.join("checkpoints")).map_err(io)?;
-        Ok(RunDirectory(path.to_owned()))
+        let is_run = || {
+            let mut names = ["config.toml", "run.json"].iter();
+            names.all(|name| path.join(name).is_file())
+        };
+        if !vacant && !is_run() {
+            return Err(RunDirectoryError::NotARun(path.to_owned()));
+        }
+        std::fs::create_dir_all(path).map_err(io)?;
+        let directory = RunDirectory {
+            path: path.to_owned(),
+            lock: RunLock::take(path)?,
+            files,
+        };
+        for name in FILES {
+            directory.files.remove(&path.join(name))?;
+        }
+        directory.files.remove(&directory.checkpoints())?;
+        directory.files.create_dir(&directory.checkpoints())?;
+        Ok(directory)
+    }
+
+    /// Opens the directory of a run that is to go on.
+    ///
+    /// # Errors
+    /// When there is no run, another process works on it or the system refuses.
+    pub fn open(path: &Path) -> Result<RunDirectory, RunDirectoryError> {
+        RunDirectory::open_on(Files::default(), path)
+    }
+
+    /// As [`open`](RunDirectory::open), all that the run keeps being written through `files`.
+    ///
+    /// # Errors
+    /// As [`open`](RunDirectory::open).
+    pub fn open_on(files: Files, path: &Path) -> Result<RunDirectory, RunDirectoryError> {
+        if !path.join("config.toml").is_file() {
+            return Err(RunDirectoryError::NoRun(path.to_owned()));
+        }
+        Ok(RunDirectory {
+            path: path.to_owned(),
+            lock: RunLock::take(path)?,
+            files,
+        })
+    }
+
+    /// The directory without what a run wrote that had not saved anything to go on from.
+    pub(super) fn emptied(self) -> Result<RunDirectory, FileError> {
+        for name in ["train.csv", "eval.csv", "timing.csv"] {
+            self.files.remove(&self.path.join(name))?;
+        }
+        self.files.remove(&self.checkpoint("best"))?;
+        self.files.remove(&self.replay())?;
+        self.files.create_dir(&self.checkpoints())?;
+        Ok(self)
     }
 
     /// The directory itself.
     pub fn path(&self) -> &Path {
-        &self.0
+        &self.path
     }
 
-    /// The checkpoint called `name`: `last` or `best`.
+    /// What the run is written through.
+    pub fn files(&self) -> &Files {
+        &self.files
+    }
+
+    /// The process that left the run locked without ending it in order, if one did.
+    pub fn left_by(&self) -> Option<&str> {
+        self.lock.left_by.as_deref()
+    }
+
+    /// The configuration, resolved.
+    pub fn config(&self) -> PathBuf {
+        self.path.join("config.toml")
+    }
+
+    /// Where checkpoints are.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.path.join("checkpoints")
+    }
+
+    /// The checkpoint called `name`: `last`, `previous` or `best`.
     pub fn checkpoint(&self, name: &str) -> PathBuf {
-        self.0.join("checkpoints").join(name)
+        self.checkpoints().join(name)
     }
 
-    /// Writes a file of the run.
+    /// Where the replay buffer is saved.
+    pub fn replay(&self) -> PathBuf {
+        self.checkpoint("replay")
+    }
+
+    /// Writes a file of the run, whole or not at all.
     ///
     /// # Errors
     /// When the system refuses.
-    pub fn write(&self, name: &str, contents: &str) -> Result<(), RunDirectoryError> {
-        let path = self.0.join(name);
-        std::fs::write(&path, contents).map_err(|error| RunDirectoryError::Io { path, error })
+    pub fn write(&self, name: &str, contents: &str) -> Result<(), FileError> {
+        self.files
+            .replace(&self.path.join(name), contents.as_bytes())
     }
 }

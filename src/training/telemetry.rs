@@ -8,8 +8,10 @@ use crate::nn::ObservationScaling;
 use crate::random::Stream;
 use crate::replay::{Batch, Transition};
 use rand::RngExt;
+use serde::{Deserialize, Serialize};
 
 /// A uniform choice of the transitions since it was last emptied, with the simulator's state before each.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Reservoir {
     capacity: usize,
     seen: usize,

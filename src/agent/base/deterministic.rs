@@ -3,7 +3,7 @@
 use super::{ActorBatch, ActorFigures, Base, NextOutput};
 use crate::agent::critics::Critics;
 use crate::agent::{AgentSettings, BaseAlgorithm, SmoothingSettings};
-use crate::nn::{Coupling, Gradient, Learner, Mlp, Weights, matrix, rows_of};
+use crate::nn::{Coupling, Gradient, Learner, Memory, Mlp, WeightError, Weights, matrix, rows_of};
 use crate::parallel::halves;
 use burn::tensor::{Device, Tensor};
 
@@ -85,6 +85,14 @@ impl Base for Deterministic {
     fn save(&self, weights: &mut Weights) {
         self.actor.mlp().save("actor", weights);
         self.target.save("target_actor", weights);
+    }
+
+    fn remember(&self, memory: &mut Memory) {
+        self.actor.save_optimizer("actor", memory);
+    }
+
+    fn restore(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        self.actor.restore_optimizer("actor", memory)
     }
 
     fn actor(&self) -> &Mlp {

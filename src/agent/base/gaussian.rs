@@ -4,7 +4,8 @@ use super::{ActorBatch, ActorFigures, Base, EntropyFigures, NextOutput};
 use crate::agent::AgentSettings;
 use crate::agent::critics::Critics;
 use crate::nn::{
-    Coupling, Gradient, Learner, Mlp, ScalarAdam, TrainableMlp, Weights, matrix, rows_of, to_vec,
+    Coupling, Gradient, Learner, Memory, Mlp, ScalarAdam, TrainableMlp, WeightError, Weights,
+    matrix, rows_of, to_vec,
 };
 use crate::parallel::halves;
 use burn::tensor::activation::softplus;
@@ -179,6 +180,19 @@ impl Base for Gaussian {
         self.actor.mlp().save("actor", weights);
         let log_temperature = TensorData::new(vec![self.log_temperature as f32], [1]);
         weights.insert("log_temperature".to_owned(), log_temperature);
+    }
+
+    fn remember(&self, memory: &mut Memory) {
+        self.actor.save_optimizer("actor", memory);
+        // The weights hold it in single precision.
+        memory.set("log_temperature", self.log_temperature);
+        self.adam.save("temperature", memory);
+    }
+
+    fn restore(&mut self, memory: &Memory) -> Result<(), WeightError> {
+        self.actor.restore_optimizer("actor", memory)?;
+        self.log_temperature = memory.number("log_temperature")?;
+        self.adam.restore("temperature", memory)
     }
 
     fn actor(&self) -> &Mlp {

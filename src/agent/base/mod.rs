@@ -9,7 +9,7 @@ pub(super) use gaussian::{Gaussian, sample_in_place};
 
 use super::AgentSettings;
 use super::critics::Critics;
-use crate::nn::{Mlp, WeightError, Weights};
+use crate::nn::{Memory, Mlp, WeightError, Weights};
 use burn::tensor::Device;
 
 /// Rows on which an actor takes a step.
@@ -71,6 +71,12 @@ pub(super) trait Base: Send + Sync {
 
     /// Adds all its networks to `weights`.
     fn save(&self, weights: &mut Weights);
+
+    /// Remembers what training goes on from beside the networks.
+    fn remember(&self, memory: &mut Memory);
+
+    /// Goes on from what was remembered.
+    fn restore(&mut self, memory: &Memory) -> Result<(), WeightError>;
 
     /// The actor's network.
     fn actor(&self) -> &Mlp;

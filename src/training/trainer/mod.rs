@@ -1,24 +1,29 @@
 //! The training loop (paper, Algorithm 1).
 
-use super::curves::{self, Curves, EvalRow, Interval, Measured, TimingRow};
-use super::experience::{Experience, Runner, Side, Sinks};
-use super::provenance::Provenance;
-use super::telemetry::{self, Probing, Reservoir, Returns};
-use super::{Checkpoint, Evaluation, Evaluator, RunDirectory, TrainError};
-use crate::agent::{Agent, Augmentation, ImaginationDraws, ModelDraws, Sample};
+mod assemble;
+mod clock;
+mod save;
+
+pub use assemble::{demonstrations, fresh_agent};
+pub use save::{ResumeOptions, Resumed};
+
+use super::curves::{Curves, EvalRow, Interval, Measured};
+use super::experience::{Experience, NotFinite, Sinks};
+use super::telemetry::{self, Probing, Returns};
+use super::{Evaluation, Evaluator, ReplayMemory, RunDirectory, TrainError};
+use crate::agent::{Agent, ImaginationDraws, ModelDraws, Sample};
 use crate::config::{Addition, Config};
-use crate::env::{self, Rules, Scene, Spec};
-use crate::imagination::{DynamicsModel, DynamicsShape, Imagination, RewardSource, World};
+use crate::env::{self, Scene};
 use crate::nn::{ObservationScaling, RunningMoments};
 use crate::parallel::{join, with_threads};
-use crate::random::{Stream, stream};
-use crate::replay::{Demonstrations, ReplayBuffer, Segments, Sizes};
-use burn::tensor::Device;
+use crate::random::Stream;
+use crate::replay::{ReplayBuffer, ReplayLog};
+use clock::Clock;
 use rand::RngExt;
-use std::path::PathBuf;
-use std::sync::Arc;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Where a run stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +55,10 @@ pub enum Outcome {
 
 /// Everything a run is made of.
 pub struct Trainer {
+    /// Environment steps taken.
+    step: u64,
+    /// Largest reward of phase 1 so far.
+    largest_reward: f64,
     config: Config,
     directory: RunDirectory,
     curves: Curves,
@@ -60,6 +69,9 @@ pub struct Trainer {
     /// Where imagined steps are measured, for agents that imagine.
     probing: Option<Probing>,
     replay: ReplayBuffer,
+    log: ReplayLog,
+    /// Number of the first transition that `checkpoints/last` needs.
+    needed: u64,
     moments: RunningMoments,
     scaling: ObservationScaling,
     streams: Streams,
@@ -67,10 +79,12 @@ pub struct Trainer {
     clock: Clock,
     best_return: Option<f64>,
     last_return: Option<f64>,
+    /// The last good checkpoint.
     saved: Option<PathBuf>,
 }
 
 /// One stream for each use of randomness, so that none shifts another.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Streams {
     exploration: Stream,
     replay: Stream,
@@ -80,79 +94,31 @@ struct Streams {
     imagination: Stream,
 }
 
-/// Wall clock since the last row of `timing.csv`.
-struct Clock {
-    since: Instant,
-    step: u64,
-    environment: Duration,
-    update: Duration,
-}
-
 impl Trainer {
-    /// Builds a run of `config` in `directory` and writes `config.toml` and `run.json`. Where there are
-    /// `demonstrations` (see [`demonstrations`]), experience comes in segments.
-    ///
-    /// # Errors
-    /// When the task is unknown or a file can't be written.
-    pub fn new(
-        config: Config,
-        demonstrations: Option<Demonstrations>,
-        directory: RunDirectory,
-    ) -> Result<Trainer, TrainError> {
-        let (env, rules) = (config.env()?, config.task_rules()?);
-        let spec = env.spec().clone();
-        let seeded = |name| stream(config.seed, name);
-        let agent = fresh_agent(&config, &spec, rules);
+    /// The settings of the run.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
 
-        let text = toml::to_string_pretty(&config).expect("a configuration is TOML");
-        directory.write("config.toml", &text)?;
-        let provenance =
-            serde_json::to_string_pretty(&Provenance::here()).expect("plain data is JSON");
-        directory.write("run.json", &provenance)?;
-        let curves = Curves::create(directory.path()).map_err(|error| TrainError::Curves {
-            path: directory.path().to_owned(),
-            error,
-        })?;
+    /// Where it writes to.
+    pub fn path(&self) -> &Path {
+        self.directory.path()
+    }
 
-        let found = demonstrations.as_ref();
-        let found = found.map(|set| [set.trajectories(), set.states()]);
-        let side = demonstrations.map(|set| side(&config, set)).transpose()?;
-        let capacity = config
-            .replay
-            .capacity
-            .min(usize::try_from(config.steps).unwrap_or(usize::MAX));
-        Ok(Trainer {
-            experience: Experience::new(Runner::new(env, seeded("env")), side),
-            demonstrations: found,
-            agent,
-            evaluator: Evaluator::new(&config, seeded("eval-env"))?,
-            probing: probing(&config)?,
-            replay: ReplayBuffer::new(capacity, spec.obs_size, spec.action_size),
-            moments: RunningMoments::new(spec.obs_size),
-            scaling: ObservationScaling::identity(spec.obs_size),
-            streams: Streams {
-                exploration: seeded("exploration"),
-                replay: seeded("replay"),
-                model_replay: seeded("model-replay"),
-                smoothing: seeded("smoothing"),
-                policy: seeded("policy"),
-                imagination: seeded("imagination"),
-            },
-            interval: Interval::default(),
-            clock: Clock::new(0),
-            best_return: None,
-            last_return: None,
-            saved: None,
-            config,
-            directory,
-            curves,
-        })
+    /// What its replay buffer takes.
+    pub fn replay_memory(&self) -> ReplayMemory {
+        ReplayMemory::of(&self.config, self.experience.spec())
+    }
+
+    /// Environment steps taken.
+    pub fn step(&self) -> u64 {
+        self.step
     }
 
     /// Runs to the end, or until `stop` becomes true; then a checkpoint is saved at once.
     ///
     /// # Errors
-    /// When a loss is not finite or a file can't be written.
+    /// When a number is not finite or a file can't be written.
     pub fn run(
         mut self,
         monitor: &mut dyn Monitor,
@@ -175,11 +141,14 @@ impl Trainer {
             ));
         }
         self.tell_of_demonstrations(monitor);
-        let mut largest_reward = f64::NEG_INFINITY;
         let mut policy = self.agent.policy(&self.scaling);
-        self.evaluate(0)?;
-        self.experience.reset(&mut self.moments);
-        for step in 1..=steps {
+        if self.step == 0 {
+            self.evaluate()?;
+            self.experience.reset(&mut self.moments);
+        }
+        while self.step < steps {
+            self.step += 1;
+            let step = self.step;
             let random = step <= random_steps;
             let action = if random {
                 self.random_action()
@@ -189,9 +158,9 @@ impl Trainer {
                 let (obs, previous) = self.experience.state();
                 policy.explore(obs, previous, deviation, &mut self.streams.exploration)
             };
-            let reward = self.act(&action, step, monitor);
-            if random {
-                largest_reward = reward.map_or(largest_reward, |r| largest_reward.max(r));
+            let reward = self.act(&action, monitor)?;
+            if random && let Some(reward) = reward {
+                self.largest_reward = self.largest_reward.max(reward);
             }
             let rescaled =
                 self.config.scaling.enabled && step.is_multiple_of(self.config.scaling.every);
@@ -200,9 +169,9 @@ impl Trainer {
                 self.scaling = self.moments.scaling(scaling.clip, scaling.deviation_floor);
             }
 
-            let learned = self.learn(step)?;
+            let learned = self.learn()?;
             if step == random_steps {
-                self.begin_phase_2(largest_reward);
+                self.begin_phase_2();
                 self.experience.reset(&mut self.moments);
             }
             if learned || (rescaled && !random) || step == random_steps {
@@ -210,11 +179,11 @@ impl Trainer {
             }
 
             if step.is_multiple_of(self.config.evaluation.every) {
-                self.evaluate(step)?;
+                self.evaluate()?;
             }
             let stopped = stop.load(Ordering::Relaxed) && step < steps;
             if stopped || step == steps || step.is_multiple_of(self.config.checkpoint.every) {
-                self.save("last", step)?;
+                self.save_last()?;
             }
             monitor.step(&Status {
                 step,
@@ -261,7 +230,11 @@ impl Trainer {
     }
 
     /// Executes `action`; returns the reward, none where the simulation blew up.
-    fn act(&mut self, action: &[f32], step: u64, monitor: &mut dyn Monitor) -> Option<f64> {
+    fn act(
+        &mut self,
+        action: &[f32],
+        monitor: &mut dyn Monitor,
+    ) -> Result<Option<f64>, TrainError> {
         let started = Instant::now();
         let mut sinks = Sinks {
             replay: &mut self.replay,
@@ -269,22 +242,25 @@ impl Trainer {
             reservoir: self.probing.as_mut().map(|probing| &mut probing.reservoir),
         };
         let taken = self.experience.step(action, &mut sinks);
+        let taken = taken.map_err(|NotFinite(name)| self.not_finite(name.to_owned()))?;
         self.clock.environment += started.elapsed();
         if let Some((episode_return, length)) = taken.ended {
             self.interval.episode(episode_return, length);
         }
         if taken.reward.is_none() {
             self.interval.diverged();
+            let step = self.step;
             monitor.note(&format!(
                 "step {step}: the simulation diverged; the episode is truncated"
             ));
         }
-        taken.reward
+        Ok(taken.reward)
     }
 
     /// The learning of one step: the model alone in phase 1, everything in phase 2. Returns
     /// whether the actor changed.
-    fn learn(&mut self, step: u64) -> Result<bool, TrainError> {
+    fn learn(&mut self) -> Result<bool, TrainError> {
+        let step = self.step;
         let started = Instant::now();
         let rows = self.config.batch_size;
         let mut changed = false;
@@ -313,13 +289,13 @@ impl Trainer {
         self.clock.update += started.elapsed();
         match not_finite {
             None => Ok(changed),
-            Some(quantity) => Err(self.not_finite(step, quantity.to_owned())),
+            Some(quantity) => Err(self.not_finite(quantity.to_owned())),
         }
     }
 
-    fn not_finite(&self, step: u64, quantity: String) -> TrainError {
+    fn not_finite(&self, quantity: String) -> TrainError {
         TrainError::NotFinite {
-            step,
+            step: self.step,
             quantity,
             checkpoint: self.saved.clone(),
         }
@@ -352,7 +328,8 @@ impl Trainer {
     }
 
     /// Line 12 of Algorithm 1: `b = r* l c` (equation 6).
-    fn begin_phase_2(&mut self, largest_reward: f64) {
+    fn begin_phase_2(&mut self) {
+        let largest_reward = self.largest_reward;
         let settings = &self.config.imagination;
         let imagines = self.config.method.addition() == Addition::Imagination;
         if imagines && settings.optimism && largest_reward.is_finite() {
@@ -363,7 +340,8 @@ impl Trainer {
     }
 
     /// Evaluates, writes a row of each curve, and saves the best policy so far.
-    fn evaluate(&mut self, step: u64) -> Result<(), TrainError> {
+    fn evaluate(&mut self) -> Result<(), TrainError> {
+        let step = self.step;
         let started = Instant::now();
         let policy = self.agent.policy(&self.scaling);
         let episodes = self.config.evaluation.episodes;
@@ -395,160 +373,26 @@ impl Trainer {
         };
         let evaluation_time = started.elapsed();
 
-        let path = self.directory.path().to_owned();
-        let wrong = |error| TrainError::Curves { path, error };
         let clock = std::mem::replace(&mut self.clock, Clock::new(step));
-        let mut write = || -> Result<(), csv::Error> {
-            curves::write(&mut self.curves.eval, EvalRow::new(step, &evaluation))?;
-            if step > 0 {
-                curves::write(&mut self.curves.train, self.interval.take(step, &measured))?;
-                curves::write(&mut self.curves.timing, clock.row(step, evaluation_time))?;
-            }
-            Ok(())
-        };
-        write().map_err(wrong)?;
-        self.note_evaluation(step, &evaluation)
+        let written = self.curves.evaluated(EvalRow::new(step, &evaluation));
+        self.on_disk(written)?;
+        if step > 0 {
+            let row = self.interval.take(step, &measured);
+            let written = self.curves.trained(row, clock.row(step, evaluation_time));
+            self.on_disk(written)?;
+        }
+        self.note_evaluation(&evaluation)
     }
 
-    fn note_evaluation(&mut self, step: u64, evaluation: &Evaluation) -> Result<(), TrainError> {
+    fn note_evaluation(&mut self, evaluation: &Evaluation) -> Result<(), TrainError> {
         let return_mean = evaluation.return_mean();
         self.last_return = Some(return_mean);
         if self.best_return.is_none_or(|best| return_mean > best) {
             self.best_return = Some(return_mean);
-            self.save("best", step)?;
+            self.save_best()?;
         }
         Ok(())
     }
-
-    fn save(&mut self, name: &str, step: u64) -> Result<(), TrainError> {
-        let networks = self.agent.weights();
-        if !self.scaling.is_finite() {
-            return Err(self.not_finite(step, "the scaling of observations".to_owned()));
-        }
-        if let Some(array) = networks.not_finite() {
-            return Err(self.not_finite(step, format!("the array `{array}`")));
-        }
-        let path = self.directory.checkpoint(name);
-        Checkpoint::save(
-            &path,
-            &self.config,
-            step,
-            self.last_return,
-            networks,
-            &self.scaling,
-        )?;
-        self.saved = Some(path);
-        Ok(())
-    }
-}
-
-impl Clock {
-    fn new(step: u64) -> Clock {
-        Clock {
-            since: Instant::now(),
-            step,
-            environment: Duration::ZERO,
-            update: Duration::ZERO,
-        }
-    }
-
-    fn row(&self, step: u64, evaluation: Duration) -> TimingRow {
-        let seconds = self.since.elapsed().as_secs_f64();
-        TimingRow {
-            step,
-            seconds,
-            steps_per_second: (step - self.step) as f64 / seconds,
-            environment_seconds: self.environment.as_secs_f64(),
-            update_seconds: self.update.as_secs_f64(),
-            evaluation_seconds: evaluation.as_secs_f64(),
-        }
-    }
-}
-
-/// What imagined steps are measured with: none for methods that imagine no other actions.
-fn probing(config: &Config) -> Result<Option<Probing>, TrainError> {
-    let states = config.telemetry.states;
-    if config.method.addition() != Addition::Imagination || states == 0 {
-        return Ok(None);
-    }
-    let rng = stream(config.seed, "telemetry");
-    Ok(Some(Probing {
-        reservoir: Reservoir::new(states, rng),
-        env: config.env()?,
-    }))
-}
-
-/// The agent that `config` describes, for a task with sizes `spec`, before its first update.
-pub fn fresh_agent(config: &Config, spec: &Spec, rules: Arc<dyn Rules>) -> Agent {
-    let device = config.compute.backend.device();
-    Agent::new(
-        config.agent(spec),
-        spec.obs_size,
-        spec.action_size,
-        augmentation(config, spec, rules, &device),
-        &mut stream(config.seed, "init"),
-        &device,
-    )
-}
-
-/// What the method of `config` adds to its base, with a fresh model.
-fn augmentation(
-    config: &Config,
-    spec: &Spec,
-    rules: Arc<dyn Rules>,
-    device: &Device,
-) -> Augmentation {
-    let world = || {
-        let shape = DynamicsShape {
-            obs_size: spec.obs_size,
-            action_size: spec.action_size,
-            known: rules.known(),
-            learns_reward: config.rules.reward == RewardSource::Learned,
-        };
-        let rng = &mut stream(config.seed, "init-model");
-        let model = DynamicsModel::new(&config.model, shape, rng, device);
-        World::new(model, Arc::clone(&rules))
-    };
-    match config.method.addition() {
-        Addition::None => Augmentation::None,
-        Addition::Imagination => Augmentation::Imagination(Imagination::new(
-            &config.imagination,
-            spec.action_limit,
-            world(),
-        )),
-        Addition::Expansion => Augmentation::Expansion {
-            world: world(),
-            horizon: config.expansion.horizon,
-        },
-    }
-}
-
-/// The demonstrations that `config` asks for, none where their path is empty.
-///
-/// # Errors
-/// When there are none at the path, or one is damaged or does not fit the task.
-pub fn demonstrations(config: &Config) -> Result<Option<Demonstrations>, TrainError> {
-    let path = &config.demonstrations.path;
-    if path.is_empty() {
-        return Ok(None);
-    }
-    let env = config.env()?;
-    let spec = env.spec();
-    let sizes = Sizes::of(spec);
-    Ok(Some(Demonstrations::load(path, &sizes)?))
-}
-
-/// The segments beside the main episode, in an environment of their own.
-fn side(config: &Config, demonstrations: Demonstrations) -> Result<Side, TrainError> {
-    let seeded = |name| stream(config.seed, name);
-    let settings = &config.demonstrations;
-    Ok(Side::new(
-        Runner::new(config.env()?, seeded("segment-env")),
-        demonstrations,
-        Segments::new(settings),
-        settings.segment_steps,
-        seeded("segments"),
-    ))
 }
 
 #[cfg(test)]

@@ -1,19 +1,27 @@
-//! Checkpoints: what it takes to evaluate a policy, in one directory.
+//! Checkpoints: directories that appear whole or not at all.
 //!
 //! `weights.safetensors` holds every network by plain names (`actor.l1.weight`, `[inputs, outputs]`)
-//! and the observation scaling; `config.toml` the whole configuration; `checkpoint.json` the step.
+//! and the observation scaling; `config.toml` the whole configuration; `checkpoint.json` the step. This is
+//! what evaluation needs. A checkpoint that a run can go on from holds more: see
+//! [`TrainerState`](super::state::TrainerState). `manifest.json` says what belongs to it.
 
+mod store;
+
+pub(super) use store::{recover, stand, write};
+
+use super::manifest::{MANIFEST, Manifest};
 use crate::agent::Policy;
-use crate::config::{self, Config, ConfigError};
+use crate::config::{self, Config, ConfigError, Overrides};
 use crate::env::Spec;
+use crate::files::FileError;
 use crate::nn::{Mlp, ObservationScaling, WeightError, Weights};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
-const WEIGHTS: &str = "weights.safetensors";
+/// The networks and the observation scaling.
+pub(super) const WEIGHTS: &str = "weights.safetensors";
 const CONFIG: &str = "config.toml";
 const STATE: &str = "checkpoint.json";
 
@@ -69,34 +77,27 @@ pub enum CheckpointError {
         reason: String,
     },
     /// The system refused.
-    #[error("{}: {error}", path.display())]
-    Io {
-        /// The file or directory.
-        path: PathBuf,
-        /// What the system said.
-        error: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
+/// Files of a checkpoint by name, with their contents.
+pub(super) type Contents = Vec<(&'static str, Vec<u8>)>;
+
 impl Checkpoint {
-    /// Saves a checkpoint as the directory `path`, which is replaced only once the new one is
-    /// whole.
+    /// The files of a checkpoint that evaluation needs.
     ///
     /// # Errors
-    /// When the system refuses.
-    pub fn save(
-        path: &Path,
+    /// When an array is not of single precision.
+    pub(super) fn contents(
         config: &Config,
         step: u64,
         return_mean: Option<f64>,
         mut networks: Weights,
         scaling: &ObservationScaling,
-    ) -> Result<(), CheckpointError> {
+    ) -> Result<Contents, WeightError> {
         scaling.save(&mut networks);
         let metadata = HashMap::from([("task".to_owned(), config.task.clone())]);
-        let weights = networks
-            .to_bytes(metadata)
-            .map_err(|error| damaged(path.join(WEIGHTS), error))?;
         let state = State {
             step,
             task: config.task.clone(),
@@ -105,49 +106,37 @@ impl Checkpoint {
             mamf_version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let state = serde_json::to_string_pretty(&state).expect("plain data is JSON");
-        let config = toml::to_string_pretty(config).expect("a configuration is TOML");
-
-        let fresh = path.with_extension("new");
-        let old = path.with_extension("old");
-        remove(&fresh)?;
-        remove(&old)?;
-        fs::create_dir_all(&fresh).map_err(io(&fresh))?;
-        for (name, bytes) in [
-            (WEIGHTS, weights.as_slice()),
-            (CONFIG, config.as_bytes()),
-            (STATE, state.as_bytes()),
-        ] {
-            let file = fresh.join(name);
-            let written = File::create(&file).and_then(|mut f| {
-                f.write_all(bytes)?;
-                f.sync_all()
-            });
-            written.map_err(io(&file))?;
-        }
-        if path.exists() {
-            fs::rename(path, &old).map_err(io(path))?;
-        }
-        fs::rename(&fresh, path).map_err(io(path))?;
-        remove(&old)
+        Ok(vec![
+            (WEIGHTS, networks.to_bytes(metadata)?),
+            (CONFIG, config.to_toml().into_bytes()),
+            (STATE, state.into_bytes()),
+        ])
     }
 
-    /// Loads a checkpoint, or the `last` one of a run directory.
+    /// Loads a checkpoint, or the `last` one of a run directory; its `previous` one where a crash came
+    /// between the two.
     ///
     /// # Errors
     /// When there is none, a file is damaged, or it is of another task than the run directory says.
     pub fn load(path: &Path) -> Result<Checkpoint, CheckpointError> {
-        let run = path.join("checkpoints").join("last");
-        if !path.join(WEIGHTS).exists() && run.is_dir() {
-            let checkpoint = Checkpoint::load_directory(&run)?;
-            let expected = read_config(&path.join(CONFIG))?;
-            checkpoint.require_task(&expected.task)?;
-            return Ok(checkpoint);
+        let checkpoints = path.join("checkpoints");
+        if path.join(WEIGHTS).exists() || !checkpoints.is_dir() {
+            return Checkpoint::load_directory(path);
         }
-        if !path.join(WEIGHTS).exists() && path.join("checkpoints").is_dir() {
-            // A run that has not saved its first `last` yet.
-            return Err(CheckpointError::Missing(run));
+        let [last, previous] = ["last", "previous"].map(|name| checkpoints.join(name));
+        let found = if last.exists() {
+            last.clone()
+        } else {
+            previous
+        };
+        if !found.is_dir() {
+            // A run that has not saved its first one yet.
+            return Err(CheckpointError::Missing(last));
         }
-        Checkpoint::load_directory(path)
+        let checkpoint = Checkpoint::load_directory(&found)?;
+        let expected = read_config(&path.join(CONFIG))?;
+        checkpoint.require_task(&expected.task)?;
+        Ok(checkpoint)
     }
 
     fn load_directory(path: &Path) -> Result<Checkpoint, CheckpointError> {
@@ -167,11 +156,14 @@ impl Checkpoint {
                 reason: format!("missing; a checkpoint is {WEIGHTS}, {CONFIG} and {STATE}"),
             });
         }
+        // Weights that were made elsewhere have no manifest, and are taken as they are.
+        let manifest = path.join(MANIFEST).exists();
+        let manifest = manifest.then(|| read_manifest(path)).transpose()?;
+        let read = |name| read(path, name, manifest.as_ref());
+        let (state, bytes, _) = (read(STATE)?, read(WEIGHTS)?, read(CONFIG)?);
         let config = read_config(&file(CONFIG))?;
-        let state = fs::read_to_string(file(STATE)).map_err(io(&file(STATE)))?;
         let state: State =
-            serde_json::from_str(&state).map_err(|error| damaged(file(STATE), error))?;
-        let bytes = fs::read(file(WEIGHTS)).map_err(io(&file(WEIGHTS)))?;
+            serde_json::from_slice(&state).map_err(|error| damaged(file(STATE), error))?;
         let (weights, metadata) =
             Weights::from_bytes(&bytes).map_err(|error| damaged(file(WEIGHTS), error))?;
         for (name, task) in [(STATE, Some(&state.task)), (WEIGHTS, metadata.get("task"))] {
@@ -193,6 +185,11 @@ impl Checkpoint {
             step: state.step,
             weights,
         })
+    }
+
+    /// Networks and observation scaling.
+    pub(super) fn weights(&self) -> &Weights {
+        &self.weights
     }
 
     /// Refuses a checkpoint of another task.
@@ -231,9 +228,41 @@ impl Checkpoint {
     }
 }
 
-fn read_config(path: &Path) -> Result<Config, CheckpointError> {
-    config::read_resolved(path).map_err(|error| match error {
-        ConfigError::Unreadable { path, error } => CheckpointError::Io { path, error },
+/// The manifest of the checkpoint `directory`.
+pub(super) fn read_manifest(directory: &Path) -> Result<Manifest, CheckpointError> {
+    let path = directory.join(MANIFEST);
+    let json = fs::read(&path).map_err(FileError::at(&path))?;
+    Manifest::from_json(&json).map_err(|reason| damaged(path, reason))
+}
+
+/// The file `name` of the checkpoint `directory`, as its manifest says it must be.
+pub(super) fn read(
+    directory: &Path,
+    name: &str,
+    manifest: Option<&Manifest>,
+) -> Result<Vec<u8>, CheckpointError> {
+    let path = directory.join(name);
+    let bytes = fs::read(&path).map_err(FileError::at(&path))?;
+    let Some(manifest) = manifest else {
+        return Ok(bytes);
+    };
+    let seal = manifest.files.get(name);
+    let seal = seal.ok_or_else(|| {
+        let reason = format!("{MANIFEST} beside it does not name it");
+        damaged(path.clone(), reason)
+    })?;
+    if bytes.len() as u64 > seal.bytes {
+        let reason = format!("{} bytes instead of {}", bytes.len(), seal.bytes);
+        return Err(damaged(path, reason));
+    }
+    seal.open(&bytes).map_err(|reason| damaged(path, reason))?;
+    Ok(bytes)
+}
+
+/// The resolved configuration in the file `path`.
+pub(super) fn read_config(path: &Path) -> Result<Config, CheckpointError> {
+    config::read_resolved(path, &Overrides::default()).map_err(|error| match error {
+        ConfigError::Unreadable { path, error } => FileError { path, error }.into(),
         error => CheckpointError::Damaged {
             path: path.to_owned(),
             reason: error.to_string(),
@@ -241,21 +270,9 @@ fn read_config(path: &Path) -> Result<Config, CheckpointError> {
     })
 }
 
-fn damaged(path: PathBuf, error: impl std::fmt::Display) -> CheckpointError {
+pub(super) fn damaged(path: PathBuf, error: impl std::fmt::Display) -> CheckpointError {
     CheckpointError::Damaged {
         path,
         reason: error.to_string(),
-    }
-}
-
-fn io(path: &Path) -> impl FnOnce(std::io::Error) -> CheckpointError {
-    let path = path.to_owned();
-    move |error| CheckpointError::Io { path, error }
-}
-
-fn remove(path: &Path) -> Result<(), CheckpointError> {
-    match fs::remove_dir_all(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(io(path)(error)),
-        _ => Ok(()),
     }
 }

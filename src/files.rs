@@ -1,0 +1,345 @@
+//! Files and directories that outlive a crash: everything a run keeps is written through here.
+//!
+//! A file that is replaced is written beside the old one, synced, and renamed; whatever the moment of a
+//! crash, one of the two is there, whole. [`Files::failing_after`] is a disk that fills up or loses power
+//! at a chosen operation, with which the tests go through all of them.
+
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
+
+/// What the system refused, and where.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {error}", path.display())]
+pub struct FileError {
+    /// The file or directory.
+    pub path: PathBuf,
+    /// What the system said; part of the message, and hence no source of it.
+    pub error: io::Error,
+}
+
+impl FileError {
+    /// To be used as `map_err(FileError::at(path))`.
+    pub fn at(path: &Path) -> impl FnOnce(io::Error) -> FileError {
+        let path = path.to_owned();
+        move |error| FileError { path, error }
+    }
+}
+
+/// A file layer: the system's, or one that fails.
+#[derive(Debug, Clone, Default)]
+pub struct Files {
+    /// Operations left until it fails, where it does.
+    left: Option<Arc<AtomicU64>>,
+}
+
+/// Whether an operation is done as a whole or in part.
+#[derive(Clone, Copy, PartialEq)]
+enum Extent {
+    Whole,
+    /// The disk fails on the way.
+    Half,
+}
+
+impl Files {
+    /// A disk on which `operations` more operations succeed. The next one is done by half; then nothing
+    /// is done any more.
+    pub fn failing_after(operations: u64) -> Files {
+        let left = Arc::new(AtomicU64::new(operations));
+        Files { left: Some(left) }
+    }
+
+    /// Whether it has failed; never so of the system's.
+    pub fn failed(&self) -> bool {
+        let left = self.left.as_ref();
+        left.is_some_and(|left| left.load(Ordering::Relaxed) == u64::MAX)
+    }
+
+    /// Counts an operation on `path`.
+    fn begin(&self, path: &Path) -> Result<Extent, FileError> {
+        let Some(left) = &self.left else {
+            return Ok(Extent::Whole);
+        };
+        match left.load(Ordering::Relaxed) {
+            u64::MAX => Err(full(path)),
+            0 => {
+                left.store(u64::MAX, Ordering::Relaxed);
+                Ok(Extent::Half)
+            }
+            n => {
+                left.store(n - 1, Ordering::Relaxed);
+                Ok(Extent::Whole)
+            }
+        }
+    }
+
+    /// Does `operation`, or nothing of it when the disk fails.
+    fn at_once(
+        &self,
+        path: &Path,
+        operation: impl FnOnce() -> io::Result<()>,
+    ) -> Result<(), FileError> {
+        match self.begin(path)? {
+            Extent::Half => Err(full(path)),
+            Extent::Whole => operation().map_err(FileError::at(path)),
+        }
+    }
+
+    /// Makes the directory `path` and those above it.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn create_dir(&self, path: &Path) -> Result<(), FileError> {
+        self.at_once(path, || fs::create_dir_all(path))
+    }
+
+    /// Makes the file `path`, or empties it, to be appended to.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn create(&self, path: &Path) -> Result<File, FileError> {
+        self.at_once(path, || Ok(()))?;
+        File::create(path).map_err(FileError::at(path))
+    }
+
+    /// Opens the file `path` to be appended to.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn open_to_append(&self, path: &Path) -> Result<File, FileError> {
+        let opened = OpenOptions::new().append(true).open(path);
+        opened.map_err(FileError::at(path))
+    }
+
+    /// Appends `bytes` to `file`, which lies at `path`.
+    ///
+    /// # Errors
+    /// When the system refuses; some of the bytes may have been written.
+    pub fn append(&self, file: &mut File, path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+        let extent = self.begin(path)?;
+        let end = match extent {
+            Extent::Whole => bytes.len(),
+            Extent::Half => bytes.len() / 2,
+        };
+        file.write_all(&bytes[..end]).map_err(FileError::at(path))?;
+        match extent {
+            Extent::Whole => Ok(()),
+            Extent::Half => Err(full(path)),
+        }
+    }
+
+    /// Waits until what was written to `file` outlives a loss of power.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn sync(&self, file: &File, path: &Path) -> Result<(), FileError> {
+        self.at_once(path, || file.sync_all())
+    }
+
+    /// Waits until the names in the directory `path` outlive a loss of power.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn sync_dir(&self, path: &Path) -> Result<(), FileError> {
+        self.at_once(path, || match File::open(path)?.sync_all() {
+            // Some file systems do not sync directories, and need not.
+            Err(error) if error.kind() == ErrorKind::InvalidInput => Ok(()),
+            synced => synced,
+        })
+    }
+
+    /// Writes a file, and waits until its contents outlive a loss of power.
+    ///
+    /// # Errors
+    /// When the system refuses; a part of the file may be there.
+    pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+        let mut file = self.create(path)?;
+        self.append(&mut file, path, bytes)?;
+        self.sync(&file, path)
+    }
+
+    /// Writes a file so that at any moment either what was there before or all of `bytes` is there.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn replace(&self, path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+        let fresh = beside(path, "new");
+        self.write(&fresh, bytes)?;
+        self.rename(&fresh, path)?;
+        self.sync_dir(parent(path))
+    }
+
+    /// Gives `from` the name `to`, which must be free or a file.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn rename(&self, from: &Path, to: &Path) -> Result<(), FileError> {
+        self.at_once(to, || fs::rename(from, to))
+    }
+
+    /// Cuts the file `path` to `length` bytes.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn truncate(&self, path: &Path, length: u64) -> Result<(), FileError> {
+        self.at_once(path, || {
+            let file = OpenOptions::new().write(true).open(path)?;
+            file.set_len(length)?;
+            file.sync_all()
+        })
+    }
+
+    /// Removes the file or the directory `path`, if it is there, with all in it.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn remove(&self, path: &Path) -> Result<(), FileError> {
+        let remove = || match path.symlink_metadata() {
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+            Err(error) => Err(error),
+            Ok(found) if found.is_dir() => fs::remove_dir_all(path),
+            Ok(_) => fs::remove_file(path),
+        };
+        match self.begin(path)? {
+            Extent::Whole => remove().map_err(FileError::at(path)),
+            Extent::Half => {
+                // A directory loses some of its files.
+                let entries = fs::read_dir(path).into_iter().flatten().flatten();
+                for entry in entries.take(2) {
+                    let _ = fs::remove_file(entry.path());
+                }
+                Err(full(path))
+            }
+        }
+    }
+}
+
+fn full(path: &Path) -> FileError {
+    FileError::at(path)(ErrorKind::StorageFull.into())
+}
+
+/// `path` with `.suffix` after its name.
+pub fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(suffix);
+    path.with_file_name(name)
+}
+
+/// The directory that `path` lies in.
+pub fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
+        Some(parent) => parent,
+        None => path,
+    }
+}
+
+/// XXH3 of some bytes, written as sixteen hexadecimal digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub struct Checksum(u64);
+
+impl Checksum {
+    /// Of `bytes`.
+    pub fn of(bytes: &[u8]) -> Checksum {
+        Checksum(xxh3_64(bytes))
+    }
+}
+
+impl From<Checksum> for String {
+    fn from(checksum: Checksum) -> String {
+        format!("{:016x}", checksum.0)
+    }
+}
+
+impl TryFrom<String> for Checksum {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Checksum, String> {
+        let digits = text.len() == 16 && text.bytes().all(|b| b.is_ascii_hexdigit());
+        let number = u64::from_str_radix(&text, 16).ok().filter(|_| digits);
+        let wrong = || format!("`{text}` is no checksum: sixteen hexadecimal digits expected");
+        number.map(Checksum).ok_or_else(wrong)
+    }
+}
+
+/// A [`Checksum`] of bytes that come in parts.
+#[derive(Clone, Default)]
+pub struct Checksummer(Xxh3Default);
+
+impl Checksummer {
+    /// Takes the next part.
+    pub fn add(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    /// Of all parts so far.
+    pub fn checksum(&self) -> Checksum {
+        Checksum(self.0.digest())
+    }
+}
+
+impl std::fmt::Debug for Checksummer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.checksum().fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_replaced_file_is_the_old_or_the_new_one_wherever_the_disk_fails() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("file");
+        let mut outcomes = [0; 2];
+        for operations in 0.. {
+            Files::default().write(&path, b"before").unwrap();
+            let files = Files::failing_after(operations);
+            let replaced = files.replace(&path, b"and after");
+            match fs::read(&path).unwrap().as_slice() {
+                b"before" => outcomes[0] += 1,
+                b"and after" => outcomes[1] += 1,
+                other => panic!("{operations}: {other:?}"),
+            }
+            if replaced.is_ok() {
+                break;
+            }
+            let message = replaced.unwrap_err().to_string();
+            assert!(message.contains("no storage space"), "{message}");
+            assert!(files.failed());
+        }
+        // Creation, contents, sync, name; the directory's sync, and the end.
+        assert_eq!(outcomes, [4, 2]);
+    }
+
+    #[test]
+    fn parts_have_the_checksum_of_the_whole_and_it_reads_back() {
+        let mut parts = Checksummer::default();
+        parts.add(b"one ");
+        parts.add(b"two");
+        let whole = Checksum::of(b"one two");
+        assert_eq!(parts.checksum(), whole);
+        let text = serde_json::to_string(&whole).unwrap();
+        assert_eq!(serde_json::from_str::<Checksum>(&text).unwrap(), whole);
+        for wrong in ["\"\"", "\"12\"", "\"+123456789abcdef\"", "3"] {
+            assert!(serde_json::from_str::<Checksum>(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn names_beside_a_path() {
+        assert_eq!(
+            beside(Path::new("a/b.toml"), "new"),
+            Path::new("a/b.toml.new")
+        );
+        assert_eq!(parent(Path::new("b")), Path::new("."));
+        assert_eq!(parent(Path::new("a/b")), Path::new("a"));
+    }
+}

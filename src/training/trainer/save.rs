@@ -1,0 +1,429 @@
+//! Saving a run, and going on from there to the last bit.
+
+use super::Streams;
+use super::Trainer;
+use super::assemble::{demonstrations, empty_replay, saved_agent};
+use super::clock::{Clock, ClockState};
+use crate::config::{self, Config, Overrides};
+use crate::env::Spec;
+use crate::files::FileError;
+use crate::nn::{Memory, ObservationScaling, RunningMoments, WeightError, Weights};
+use crate::random::Stream;
+use crate::replay::{Demonstrations, ReplayBuffer, ReplayLog, ReplayLogError};
+use crate::training::checkpoint::{self, CheckpointError, WEIGHTS, damaged};
+use crate::training::curves::{Curves, Interval};
+use crate::training::experience::ExperienceState;
+use crate::training::manifest::{Build, Manifest, Seal};
+use crate::training::provenance::Provenance;
+use crate::training::telemetry::Reservoir;
+use crate::training::{Checkpoint, DiskError, Monitor, ReplayMemory, RunDirectory, TrainError};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::fs;
+use std::path::Path;
+
+/// The optimisers' moments.
+const OPTIMIZERS: &str = "optimizers.safetensors";
+/// Everything else that a run goes on from.
+const STATE: &str = "state.cbor";
+
+/// What a run goes on from beside networks, optimisers' moments, replay buffer and curves: every random
+/// stream, every simulator in use, statistics and counters. CBOR keeps its numbers to the last bit.
+#[derive(Serialize, Deserialize)]
+struct TrainerState {
+    step: u64,
+    largest_reward: f64,
+    best_return: Option<f64>,
+    last_return: Option<f64>,
+    /// What the agent remembers as numbers.
+    numbers: BTreeMap<String, f64>,
+    moments: RunningMoments,
+    streams: Streams,
+    evaluation: Stream,
+    experience: ExperienceState,
+    reservoir: Option<Reservoir>,
+    interval: Interval,
+    clock: ClockState,
+}
+
+/// How a run is to go on.
+#[derive(Debug, Default)]
+pub struct ResumeOptions {
+    /// Settings that may be changed: the steps of the run and the threads.
+    pub overrides: Overrides,
+    /// Whether to go on with another build of the program, or with changed settings of checkpoints.
+    pub force: bool,
+}
+
+/// What there is to go on with.
+pub enum Resumed {
+    /// A run, at the step where it was saved.
+    Run(Box<Trainer>),
+    /// Nothing: the run took all its steps, so many.
+    Finished(u64),
+}
+
+/// Settings on which no result depends, and which may be changed without a word.
+const FREE: [&str; 2] = ["steps", "compute.threads"];
+/// Settings that may be changed with `--force`: no result depends on them, or, of the demonstrations, only
+/// on what lies there, which is compared.
+const HARMLESS: [&str; 3] = [
+    "checkpoint.every",
+    "checkpoint.replay",
+    "demonstrations.path",
+];
+
+impl Trainer {
+    /// Saves `checkpoints/last`; the one before it becomes `checkpoints/previous`.
+    pub(super) fn save_last(&mut self) -> Result<(), TrainError> {
+        let memory = self.agent.memory();
+        let mut contents = self.evaluation_contents()?;
+        if let Some(array) = memory.arrays.not_finite() {
+            return Err(self.not_finite(format!("the array `{array}`")));
+        }
+        let logged = if self.config.checkpoint.replay {
+            let state = self.state(memory.numbers);
+            let mut bytes = Vec::new();
+            ciborium::into_writer(&state, &mut bytes).expect("memory takes what is written to it");
+            contents.push((STATE, bytes));
+            // Before the first step of any optimiser there are no arrays, and a file without anything would
+            // not be read back.
+            let metadata = HashMap::from([("task".to_owned(), self.config.task.clone())]);
+            let moments = memory.arrays.to_bytes(metadata);
+            let moments = moments.expect("moments are of single precision");
+            contents.push((OPTIMIZERS, moments));
+            let logged = self.log.append(self.directory.files(), &self.replay);
+            Some(self.on_disk(logged)?)
+        } else {
+            None
+        };
+        let mut manifest = manifest(self.step, &contents);
+        if logged.is_some() {
+            manifest.curves = self.on_disk(self.curves.seal())?;
+        }
+        manifest.replay = logged;
+        let [last, previous] = ["last", "previous"].map(|name| self.directory.checkpoint(name));
+        let files = self.directory.files();
+        let written = checkpoint::write(files, &last, &contents, &manifest)
+            .and_then(|()| checkpoint::stand(files, &last, Some(&previous)));
+        self.on_disk(written)?;
+        self.saved = Some(last);
+        let pruned = self.log.prune(self.directory.files(), self.needed);
+        self.on_disk(pruned)?;
+        self.needed = self.replay.stored().start;
+        Ok(())
+    }
+
+    /// Saves `checkpoints/best`, to be evaluated.
+    pub(super) fn save_best(&mut self) -> Result<(), TrainError> {
+        let contents = self.evaluation_contents()?;
+        let manifest = manifest(self.step, &contents);
+        let best = self.directory.checkpoint("best");
+        let files = self.directory.files();
+        let written = checkpoint::write(files, &best, &contents, &manifest)
+            .and_then(|()| checkpoint::stand(files, &best, None));
+        self.on_disk(written)?;
+        self.saved.get_or_insert(best);
+        Ok(())
+    }
+
+    fn evaluation_contents(&self) -> Result<checkpoint::Contents, TrainError> {
+        let networks = self.agent.weights();
+        if !self.scaling.is_finite() {
+            return Err(self.not_finite("the scaling of observations".to_owned()));
+        }
+        if let Some(array) = networks.not_finite() {
+            return Err(self.not_finite(format!("the array `{array}`")));
+        }
+        let (config, scaling) = (&self.config, &self.scaling);
+        let contents = Checkpoint::contents(config, self.step, self.last_return, networks, scaling);
+        Ok(contents.expect("networks are of single precision"))
+    }
+
+    /// Adds the last good checkpoint to what a disk refused.
+    pub(super) fn on_disk<T, E: Into<DiskError>>(
+        &self,
+        result: Result<T, E>,
+    ) -> Result<T, TrainError> {
+        result.map_err(|error| TrainError::Disk {
+            error: error.into(),
+            checkpoint: self.saved.clone(),
+        })
+    }
+
+    fn state(&self, numbers: BTreeMap<String, f64>) -> TrainerState {
+        TrainerState {
+            step: self.step,
+            largest_reward: self.largest_reward,
+            best_return: self.best_return,
+            last_return: self.last_return,
+            numbers,
+            moments: self.moments.clone(),
+            streams: self.streams.clone(),
+            evaluation: self.evaluator.stream().clone(),
+            experience: self.experience.snapshot(),
+            reservoir: self.probing.as_ref().map(|p| p.reservoir.clone()),
+            interval: self.interval.clone(),
+            clock: self.clock.state(),
+        }
+    }
+
+    /// The run in `directory`, to go on from its last good checkpoint exactly as it would have without the
+    /// interruption. A damaged checkpoint is set aside for the one before it, of which `monitor` is told.
+    ///
+    /// # Errors
+    /// When there is no run or no good checkpoint, the run can't be resumed, or what it depends on has
+    /// changed; nothing in the directory is changed then.
+    pub fn resume(
+        directory: RunDirectory,
+        options: &ResumeOptions,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Resumed, TrainError> {
+        let config = config::read_resolved(&directory.config(), &options.overrides)?;
+        let spec = config.env()?.spec().clone();
+        ReplayMemory::of(&config, &spec).check()?;
+        checkpoint::recover(directory.files(), &directory.checkpoints())?;
+
+        let last = directory.checkpoint("last");
+        if !last.exists() {
+            monitor.note("no checkpoint had been saved: the run begins again at step 0");
+            let set = demonstrations(&config)?;
+            let directory = directory.emptied()?;
+            return Ok(Resumed::Run(Box::new(Trainer::new(
+                config, set, directory,
+            )?)));
+        }
+        let previous = directory.checkpoint("previous");
+        let (point, fallback) = match Point::read(&last, &directory, &config, &spec) {
+            Ok(point) => (point, None),
+            Err(error) if error.is_damage() && previous.exists() => {
+                match Point::read(&previous, &directory, &config, &spec) {
+                    Ok(point) => (point, Some(error)),
+                    Err(second) if second.is_damage() => {
+                        return Err(TrainError::NoGoodCheckpoint {
+                            last: Box::new(error),
+                            previous: Box::new(second),
+                        });
+                    }
+                    Err(second) => return Err(second),
+                }
+            }
+            Err(error) => return Err(error),
+        };
+        let point = match point {
+            Found::Finished(step) => return Ok(Resumed::Finished(step)),
+            Found::Point(point) => point,
+        };
+        point.compare(&directory, &config, options.force, monitor)?;
+        let set = demonstrations(&config)?;
+        let (step, sealed) = (point.manifest.step, point.manifest.curves.clone());
+        let mut trainer = point.assemble(config, set, directory)?;
+        if let Some(error) = fallback {
+            let aside = trainer.directory.checkpoint("damaged");
+            monitor.note(&format!(
+                "{error}; going on from the checkpoint before it, of step {step}; the damaged one is kept as {}",
+                aside.display()
+            ));
+            let files = trainer.directory.files();
+            files.remove(&aside)?;
+            files.rename(&last, &aside)?;
+            files.rename(&previous, &last)?;
+        }
+        trainer.forget_what_came_after(&sealed)?;
+        Ok(Resumed::Run(Box::new(trainer)))
+    }
+
+    /// Removes from disk what was written after the checkpoint that the run goes on from, and notes in
+    /// `run.json` that it does.
+    fn forget_what_came_after(
+        &mut self,
+        sealed: &BTreeMap<String, Seal>,
+    ) -> Result<(), TrainError> {
+        let files = self.directory.files();
+        self.log.trim(files, self.replay.width())?;
+        self.curves.cut(sealed)?;
+        self.directory
+            .write("config.toml", &self.config.to_toml())?;
+        let json = fs::read_to_string(self.directory.path().join("run.json")).unwrap_or_default();
+        self.directory
+            .write("run.json", &Provenance::here().after(&json, self.step))?;
+        Ok(())
+    }
+}
+
+fn manifest(step: u64, contents: &checkpoint::Contents) -> Manifest {
+    let files = contents
+        .iter()
+        .map(|(name, bytes)| (*name, bytes.as_slice()));
+    Manifest::new(step, files)
+}
+
+/// A checkpoint that was read and found good.
+struct Point {
+    checkpoint: Checkpoint,
+    manifest: Manifest,
+    state: TrainerState,
+    memory: Memory,
+    replay: ReplayBuffer,
+    log: ReplayLog,
+}
+
+enum Found {
+    Point(Box<Point>),
+    /// Of a run that has taken all its steps.
+    Finished(u64),
+}
+
+impl Point {
+    /// Reads the checkpoint at `path` and all that it refers to.
+    fn read(
+        path: &Path,
+        directory: &RunDirectory,
+        config: &Config,
+        spec: &Spec,
+    ) -> Result<Found, TrainError> {
+        let manifest = checkpoint::read_manifest(path)?;
+        let checkpoint = Checkpoint::load(path)?;
+        if manifest.step > config.steps {
+            return Err(TrainError::StepsTaken {
+                taken: manifest.step,
+                asked: config.steps,
+            });
+        }
+        if manifest.step == config.steps {
+            return Ok(Found::Finished(manifest.step));
+        }
+        let Some(logged) = &manifest.replay else {
+            return Err(TrainError::NotResumable(directory.path().to_owned()));
+        };
+        let read = |name| checkpoint::read(path, name, Some(&manifest));
+        let wrong = |name: &str, error: String| damaged(path.join(name), error);
+        let state: TrainerState = ciborium::from_reader(read(STATE)?.as_slice())
+            .map_err(|error| wrong(STATE, error.to_string()))?;
+        let moments = Weights::from_bytes(&read(OPTIMIZERS)?);
+        let (arrays, _) = moments.map_err(|error| wrong(OPTIMIZERS, error.to_string()))?;
+        for (name, seal) in &manifest.curves {
+            let file = directory.path().join(name);
+            let rows = fs::read(&file).map_err(FileError::at(&file));
+            let rows = rows.map_err(CheckpointError::from)?;
+            seal.open(&rows).map_err(|reason| damaged(file, reason))?;
+        }
+        let mut replay = empty_replay(config, spec)?;
+        let log = ReplayLog::read(&directory.replay(), logged, &mut replay);
+        let log = log.map_err(|error| match error {
+            ReplayLogError::File(error) => CheckpointError::File(error),
+            ReplayLogError::Damaged { path, reason } => damaged(path, reason),
+        })?;
+        let memory = Memory {
+            arrays,
+            numbers: state.numbers.clone(),
+        };
+        Ok(Found::Point(Box::new(Point {
+            checkpoint,
+            manifest,
+            state,
+            memory,
+            replay,
+            log,
+        })))
+    }
+
+    /// Refuses to go on where something has changed that the run depends on.
+    fn compare(
+        &self,
+        directory: &RunDirectory,
+        config: &Config,
+        force: bool,
+        monitor: &mut dyn Monitor,
+    ) -> Result<(), TrainError> {
+        let here = Build::here();
+        let mut differences = self.manifest.build.differences(&here);
+        let mut harmless = true;
+        for difference in self.checkpoint.config.differences(config) {
+            if FREE.contains(&difference.key.as_str()) {
+                continue;
+            }
+            harmless &= HARMLESS.contains(&difference.key.as_str());
+            let [then, now] = difference
+                .values
+                .map(|v| v.unwrap_or_else(|| "unset".into()));
+            differences.push(format!("{}: {then} then, {now} now", difference.key));
+        }
+        if !differences.is_empty() && !(force && harmless) {
+            return Err(TrainError::Changed {
+                path: directory.path().to_owned(),
+                differences,
+                harmless,
+            });
+        }
+        if let Some(note) = self.manifest.build.other_processor(&here) {
+            monitor.note(&note);
+        }
+        Ok(())
+    }
+
+    /// The run, at the step where it was saved. Nothing is written.
+    fn assemble(
+        self,
+        config: Config,
+        set: Option<Demonstrations>,
+        directory: RunDirectory,
+    ) -> Result<Trainer, TrainError> {
+        let Point {
+            checkpoint,
+            manifest,
+            state,
+            memory,
+            replay,
+            log,
+        } = self;
+        let damage = |name: &str, reason: String| damaged(checkpoint.path.join(name), reason);
+        let (env, rules) = (config.env()?, config.task_rules()?);
+        let obs_size = env.spec().obs_size;
+        if state.moments.size() != obs_size || state.step != manifest.step {
+            let reason = "it is of another task or another step".to_owned();
+            return Err(damage(STATE, reason).into());
+        }
+        let misfit = |error: WeightError| damage(WEIGHTS, error.to_string());
+        let weights = checkpoint.weights();
+        let scaling = ObservationScaling::load(obs_size, weights).map_err(misfit)?;
+        let mut agent = saved_agent(&config, env.spec(), rules, weights).map_err(misfit)?;
+        let restored = agent.restore(&memory);
+        restored.map_err(|error| damage(OPTIMIZERS, error.to_string()))?;
+
+        let curves = Curves::open(directory.files(), directory.path(), &manifest.curves)?;
+        let mut trainer = Trainer::assemble(config, set, directory, curves, agent, replay)?;
+        let experience = trainer.experience.restore(state.experience);
+        experience.map_err(|reason| damage(STATE, reason))?;
+        match (&mut trainer.probing, state.reservoir) {
+            (Some(probing), Some(reservoir)) => probing.reservoir = reservoir,
+            (None, None) => (),
+            _ => return Err(damage(STATE, "it is of another method".to_owned()).into()),
+        }
+        trainer.step = state.step;
+        trainer.largest_reward = state.largest_reward;
+        trainer.best_return = state.best_return;
+        trainer.last_return = state.last_return;
+        trainer.moments = state.moments;
+        trainer.scaling = scaling;
+        trainer.streams = state.streams;
+        trainer.evaluator.set_stream(state.evaluation);
+        trainer.interval = state.interval;
+        trainer.clock = Clock::resume(state.clock);
+        trainer.log = log;
+        trainer.needed = trainer.replay.stored().start;
+        trainer.saved = Some(trainer.directory.checkpoint("last"));
+        Ok(trainer)
+    }
+}
+
+/// Whether the run in `directory` could go on from the checkpoint at `path`.
+#[cfg(test)]
+pub(super) fn is_sound(
+    path: &Path,
+    directory: &RunDirectory,
+    config: &Config,
+    spec: &Spec,
+) -> Result<(), TrainError> {
+    Point::read(path, directory, config, spec).map(|_| ())
+}
