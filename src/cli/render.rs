@@ -8,14 +8,14 @@ use rand::{RngExt, SeedableRng};
 use super::progress::bar;
 use super::{Misuse, say};
 use crate::demonstration;
-use crate::env::{self, Replay, Spec, Start, Step};
+use crate::env::{self, Replay, Spec, Start};
 use crate::parallel::with_threads;
 use crate::random::{Stream, stream};
-use crate::recording::Recording;
+use crate::recording::{Recording, Rows};
 use crate::render::{
     self, Film, Format, LARGEST_SIDE, Painter, Playback, Shot, available, develop,
 };
-use crate::training::{Checkpoint, Evaluator, Watch};
+use crate::training::{Camera, Checkpoint, Evaluator};
 
 /// Episodes that run between two looks at them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -88,8 +88,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         );
         return Err(Misuse(text).into());
     }
-    available()?;
     let mut source = Source::open(args)?;
+    available()?;
     let spec = source.spec();
     let mut painter = Painter::new(spec, args.size, args.camera.as_deref())?;
     let every = args.every.map(|every| every as usize);
@@ -207,9 +207,9 @@ impl Source {
                 }
                 let policy = checkpoint.policy(evaluator.spec())?;
                 let threads = checkpoint.config.compute.threads;
-                let watch = Camera { limit };
+                let camera = Camera { limit };
                 let seen = with_threads(threads, || {
-                    evaluator.evaluate_watched(&policy, count, &watch)
+                    evaluator.evaluate_watched(&policy, count, &camera)
                 })?;
                 Some(seen.into_iter().map(|(_, film)| film).collect())
             }
@@ -231,25 +231,6 @@ impl Source {
                 .take()
                 .map(|recording| recorded(env.as_mut(), &recording, limit)),
         })
-    }
-}
-
-/// Keeps the states of each episode of a policy.
-struct Camera {
-    limit: usize,
-}
-
-impl Watch for Camera {
-    type Seen = Film;
-
-    fn begin(&self, env: &dyn Replay, _: &[f64]) -> Film {
-        Film::begin(env)
-    }
-
-    fn step(&self, film: &mut Film, env: &dyn Replay, _: &[f64], step: &Step, _: &[f64]) {
-        if film.shots().len() <= self.limit {
-            film.step(env, step);
-        }
     }
 }
 
@@ -286,9 +267,8 @@ fn recorded(env: &mut dyn Replay, recording: &Recording, limit: usize) -> Vec<Fi
     let mut observation = vec![0.0; spec.obs_size];
     let nothing = vec![0.0; spec.goal_size];
     let goal = recording.desired_goal.as_ref().unwrap_or(&nothing);
-    let number = |rows: &Option<crate::recording::Rows>, t: usize| {
-        rows.as_ref().and_then(|rows| Some(rows.get(t)?[0]))
-    };
+    let number =
+        |rows: &Option<Rows>, t: usize| rows.as_ref().and_then(|rows| Some(rows.get(t)?[0]));
     let mut films: Vec<Film> = Vec::new();
     for t in 0..=recording.steps() {
         let (Some(qpos), Some(qvel)) = (recording.qpos.get(t), recording.qvel.get(t)) else {

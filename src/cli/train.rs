@@ -82,6 +82,7 @@ fn begin(
     let path = out.map_or_else(|| RunDirectory::default_path(&config), Path::to_owned);
     // First, so that what can't be had leaves no run directory behind.
     let demonstrations = training::demonstrations(&config)?;
+    training::check_video(&config)?;
     let memory = ReplayMemory::of(&config, config.env()?.spec());
     memory.check().map_err(TrainError::from)?;
     let directory = RunDirectory::create(&path, force)?;
@@ -109,6 +110,7 @@ fn resume(
             Ok(ExitCode::SUCCESS)
         }
         Resumed::Run(trainer) => {
+            training::check_video(trainer.config())?;
             tell(&format!(
                 "replay buffer: {} when full",
                 trainer.replay_memory()

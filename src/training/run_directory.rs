@@ -127,6 +127,7 @@ impl RunDirectory {
         for name in FILES {
             directory.files.remove(&path.join(name))?;
         }
+        directory.files.remove(&directory.path.join("videos"))?;
         directory.files.remove(&directory.checkpoints())?;
         directory.files.create_dir(&directory.checkpoints())?;
         Ok(directory)
@@ -160,6 +161,7 @@ impl RunDirectory {
         for name in ["train.csv", "eval.csv", "timing.csv"] {
             self.files.remove(&self.path.join(name))?;
         }
+        self.files.remove(&self.path.join("videos"))?;
         self.files.remove(&self.checkpoint("best"))?;
         self.files.remove(&self.replay())?;
         self.files.create_dir(&self.checkpoints())?;
