@@ -91,6 +91,23 @@ fn the_same_pose_gives_the_same_bytes_and_another_pose_others() {
 }
 
 #[test]
+fn a_camera_that_follows_leaves_no_trace_of_where_it_was() {
+    if !can_draw() {
+        return;
+    }
+    let xml = BALL.replace(
+        "<joint",
+        "<camera name='track' mode='trackcom' pos='0 -2 0.5'/><joint",
+    );
+    let model = Model::from_xml(&xml).unwrap();
+    let mut renderer = Renderer::new(&model, SIZE).unwrap();
+    renderer.set_camera(Camera::Model(model.id(Object::Camera, "track").unwrap()));
+    let first = renderer.picture(&[0.0], &[]).unwrap();
+    renderer.picture(&[50.0], &[]).unwrap();
+    assert_eq!(renderer.picture(&[0.0], &[]).unwrap(), first);
+}
+
+#[test]
 fn every_thread_may_draw() {
     if !can_draw() {
         return;

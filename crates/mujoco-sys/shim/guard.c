@@ -91,7 +91,8 @@ int mjguard_makeScene(const mjModel* m, mjvScene* scn, int maxgeom) {
 }
 
 int mjguard_updateScene(const mjModel* m, mjData* d, const mjvOption* opt, mjvCamera* cam, mjvScene* scn) {
-  GUARDED(mjv_updateScene(m, d, opt, NULL, cam, mjCAT_ALL, scn));
+  /* Endless planes are centred before the camera, which updateScene itself moves last. */
+  GUARDED(mjv_updateCamera(m, d, cam, scn); mjv_updateScene(m, d, opt, NULL, cam, mjCAT_ALL, scn));
 }
 
 int mjguard_makeContext(const mjModel* m, mjrContext* con, int fontscale) {

@@ -63,7 +63,7 @@ pub struct Caption {
 }
 
 /// A drawn picture.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct Picture {
     /// Width in pixels.
     pub width: usize,
@@ -71,6 +71,15 @@ pub struct Picture {
     pub height: usize,
     /// Red, green and blue of each pixel, rows from the top.
     pub rgb: Vec<u8>,
+}
+
+impl std::fmt::Debug for Picture {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Picture")
+            .field("width", &self.width)
+            .field("height", &self.height)
+            .finish_non_exhaustive()
+    }
 }
 
 /// Draws pictures of one size of one model.
