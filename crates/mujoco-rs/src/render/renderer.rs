@@ -19,14 +19,17 @@ pub const LARGEST_SIDE: usize = 4096;
 const MORE_SHAPES: usize = 1000;
 /// Bytes of a pixel: red, green, blue.
 const CHANNELS: usize = 3;
-/// Height of pictures, in pixels, from which captions have each size of letters, in per cent.
-const LETTERS: [(usize, c_uint); 4] = [
+/// Height of what is drawn, in pixels, from which captions have each size of letters, in per cent.
+const LETTERS: [(usize, c_uint); 3] = [
     (1800, sys::mjFONTSCALE_300),
     (1050, sys::mjFONTSCALE_200),
     (700, sys::mjFONTSCALE_150),
-    (400, sys::mjFONTSCALE_100),
 ];
-const SMALLEST_LETTERS: c_uint = sys::mjFONTSCALE_50;
+/// The smallest letters that MuJoCo 2.2 has, which fit this height.
+const SMALLEST_LETTERS: c_uint = sys::mjFONTSCALE_100;
+const FITTING_HEIGHT: usize = 400;
+
+const MOST_FINENESS: usize = 2;
 
 /// From where a picture is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -93,6 +96,8 @@ pub struct Renderer {
     scene: Box<sys::mjvScene>,
     drawing: Box<sys::mjrContext>,
     size: [usize; 2],
+    /// Pixels that are drawn for one of the picture, along each side.
+    fineness: usize,
     /// Dropped after what was made in it.
     context: Context,
     /// OpenGL contexts are bound to threads.
@@ -115,7 +120,9 @@ impl Renderer {
             let reason = "the context cannot be made current".to_owned();
             return Err(RenderError::Context(reason));
         }
-        let model = Arc::new(model.for_pictures(size)?);
+        let fineness = fineness(size);
+        let drawn = size.map(|side| side * fineness);
+        let model = Arc::new(model.for_pictures(drawn)?);
         let data = Data::new(Arc::clone(&model))?;
 
         let mut scene = Box::<sys::mjvScene>::new_uninit();
@@ -140,6 +147,7 @@ impl Renderer {
             scene,
             drawing,
             size,
+            fineness,
             context,
             _thread: PhantomData,
         };
@@ -154,13 +162,13 @@ impl Renderer {
             guard::check(sys::mjguard_makeContext(
                 model.as_ptr(),
                 &mut *renderer.drawing,
-                letters(height) as c_int,
+                letters(drawn[1]) as c_int,
             ))?;
         }
         let made = [renderer.drawing.offWidth, renderer.drawing.offHeight];
         let smaller = |(made, asked): (c_int, usize)| (made as usize) < asked;
         if renderer.drawing.currentBuffer != sys::mjFB_OFFSCREEN as c_int
-            || made.into_iter().zip(size).any(smaller)
+            || made.into_iter().zip(drawn).any(smaller)
         {
             return Err(RenderError::Buffer(width, height));
         }
@@ -202,7 +210,7 @@ impl Renderer {
         self.data.qpos_mut().copy_from_slice(qpos);
         self.data.pose()?;
 
-        let [width, height] = self.size;
+        let [width, height] = self.size.map(|side| side * self.fineness);
         let viewport = sys::mjrRect {
             left: 0,
             bottom: 0,
@@ -235,13 +243,26 @@ impl Renderer {
             sys::mjguard_readPixels(pixels.as_mut_ptr(), viewport, &*self.drawing)
         })?;
         self.check_opengl()?;
-        // OpenGL begins at the bottom.
-        let rows = pixels.chunks_exact(width * CHANNELS).rev();
-        Ok(Picture {
-            width,
-            height,
-            rgb: rows.flatten().copied().collect(),
-        })
+        Ok(self.from_the_top(&pixels))
+    }
+
+    /// The picture of what OpenGL drew, which begins at the bottom: each pixel is the mean of those that
+    /// were drawn for it.
+    fn from_the_top(&self, drawn: &[u8]) -> Picture {
+        let ([width, height], n) = (self.size, self.fineness);
+        let row = width * n * CHANNELS;
+        let mut rgb = Vec::with_capacity(width * height * CHANNELS);
+        for y in (0..height).rev() {
+            for x in 0..width {
+                for channel in 0..CHANNELS {
+                    let first = y * n * row + x * n * CHANNELS + channel;
+                    let of_line = |j: usize| (0..n).map(move |i| first + j * row + i * CHANNELS);
+                    let all = (0..n).flat_map(of_line).map(|at| usize::from(drawn[at]));
+                    rgb.push((all.sum::<usize>() / (n * n)) as u8);
+                }
+            }
+        }
+        Picture { width, height, rgb }
     }
 
     fn raw_camera(&self) -> sys::mjvCamera {
@@ -310,7 +331,14 @@ impl std::fmt::Debug for Renderer {
     }
 }
 
-/// The size of letters for pictures of this height.
+/// How many pixels are drawn for one of a picture, along each side: small pictures are drawn larger and
+/// made smaller, letters and all.
+fn fineness([width, height]: [usize; 2]) -> usize {
+    let fitting = FITTING_HEIGHT.div_ceil(height).min(MOST_FINENESS);
+    fitting.min(LARGEST_SIDE / width).max(1)
+}
+
+/// The size of letters for drawings of this height.
 fn letters(height: usize) -> c_uint {
     let fitting = LETTERS.iter().find(|(from, _)| height >= *from);
     fitting.map_or(SMALLEST_LETTERS, |(_, scale)| *scale)
