@@ -205,6 +205,29 @@ fn videos_are_made_by_ffmpeg_or_not_at_all() {
 }
 
 #[test]
+fn an_interrupt_leaves_nothing_behind() {
+    if !can_draw() {
+        return;
+    }
+    let place = Place::new();
+    for out in ["x.gif", "frames/"] {
+        let ant = ["--task", "Ant-v4", "--every", "1", "--episodes", "100"];
+        let mut child = place.command(&render(&ant, out)).spawn().unwrap();
+        let begun = || place.contents("").values().any(|bytes| !bytes.is_empty());
+        for _ in 0..600 {
+            if begun() || child.try_wait().unwrap().is_some() {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(100));
+        }
+        let id = child.id().to_string();
+        Command::new("kill").args(["-INT", &id]).status().unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{out}");
+        assert!(place.contents("").is_empty(), "{out}");
+    }
+}
+
+#[test]
 fn recordings_are_drawn_from_their_states() {
     if !can_draw() {
         return;

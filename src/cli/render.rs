@@ -2,11 +2,15 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rand::{RngExt, SeedableRng};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use super::progress::bar;
-use super::{Misuse, say};
+use super::{Misuse, say, tell};
 use crate::demonstration;
 use crate::env::{self, Replay, Spec, Start};
 use crate::parallel::with_threads;
@@ -19,6 +23,8 @@ use crate::training::{Camera, Checkpoint, Evaluator};
 
 /// Episodes that run between two looks at them, one in each environment.
 const AT_ONCE: usize = 2;
+/// Exit code of a process that an interrupt ended, as shells tell it.
+const STOPPED: u8 = 128 + SIGINT as u8;
 /// Most and least times as fast as the simulation.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
@@ -94,6 +100,13 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut painter = Painter::new(spec, args.size, args.camera.as_deref())?;
     let every = args.every.map(|every| every as usize);
     let mut playback = Playback::new(spec.dt, args.speed, every, format.ticks());
+    // Before there is a file to leave behind.
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // In this order: the first signal finds the flag unset and only sets it.
+        flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))?;
+        flag::register(signal, Arc::clone(&stop))?;
+    }
     let mut encoder = render::create(&args.out, format, args.size, playback.interval())?;
 
     let limit = match (args.steps, format) {
@@ -109,10 +122,16 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 film.cut_to_last();
             }
             progress.inc_length(playback.clone().cuts(film.shots().len()).len() as u64);
-            develop(&film, &mut playback, &mut painter, encoder.as_mut(), || {
+            let go_on = || {
                 pictures += 1;
                 progress.inc(1);
-            })?;
+                !stop.load(Ordering::Relaxed)
+            };
+            if !develop(&film, &mut playback, &mut painter, encoder.as_mut(), go_on)? {
+                progress.finish_and_clear();
+                tell("interrupted; nothing was written");
+                return Ok(ExitCode::from(STOPPED));
+            }
         }
     }
     encoder.finish()?;

@@ -26,8 +26,8 @@ pub enum FilmError {
     Output(#[from] OutputError),
 }
 
-/// Draws the pictures that `playback` chooses of `film` and hands them to `encoder`; `painted` is
-/// called after each.
+/// Draws the pictures that `playback` chooses of `film` and hands them to `encoder`. After each,
+/// `go_on` is asked; tells whether it always agreed.
 ///
 /// # Errors
 /// If a picture cannot be drawn or written.
@@ -36,12 +36,14 @@ pub fn develop(
     playback: &mut Playback,
     painter: &mut Painter,
     encoder: &mut dyn Encoder,
-    mut painted: impl FnMut(),
-) -> Result<(), FilmError> {
+    mut go_on: impl FnMut() -> bool,
+) -> Result<bool, FilmError> {
     for cut in playback.cuts(film.shots().len()) {
         let picture = painter.paint(&film.shots()[cut.shot])?;
         encoder.push(&picture, cut.ticks)?;
-        painted();
+        if !go_on() {
+            return Ok(false);
+        }
     }
-    Ok(())
+    Ok(true)
 }
