@@ -14,6 +14,7 @@ pub mod random;
 pub mod recording;
 pub mod render;
 pub mod replay;
+pub mod sweep;
 pub mod training;
 pub mod verification;
 

@@ -15,8 +15,7 @@ const TRAIN_HEADER: &str = "step,episodes,return_mean,length_mean,diverged,updat
     actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept,temperature,entropy,\
     q_bias,kept_state_error,kept_reward_error,kept_target_error,dropped_state_error,\
     dropped_reward_error,dropped_target_error";
-const TIMING_HEADER: &str =
-    "step,seconds,steps_per_second,environment_seconds,update_seconds,evaluation_seconds";
+const TIMING_HEADER: &str = "step,seconds,steps_per_second,environment_seconds,update_seconds,evaluation_seconds,checkpoint_seconds";
 
 // ---------------------------------------------------------------------------------------------
 // Sameness

@@ -1,57 +1,27 @@
 //! The experiments of `configs/paper` name runs that can be started.
 
-use mamf::config::{self, Config, Overrides};
-use std::collections::BTreeSet;
+use mamf::config::Config;
+use mamf::sweep::{Changes, Sweep};
 use std::path::Path;
-use toml::{Table, Value};
 
 const FIGURES: [&str; 4] = ["figure_2", "figure_3ab", "figure_3c", "appendix_c"];
 
 /// Every run of an experiment but for its seed: configuration, variant and resolved settings.
 fn runs(experiment: &str) -> Vec<(String, String, Config)> {
-    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
-    let path = configs.join("paper").join(format!("{experiment}.toml"));
-    let table: Table = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
-    let known = ["configs", "seeds", "variants", "on"];
-    assert!(
-        table.keys().all(|key| known.contains(&key.as_str())),
-        "{experiment}"
-    );
-    assert_eq!(table["seeds"].as_array().unwrap().len(), 5, "{experiment}");
-    let variants = table["variants"].as_table().unwrap();
-    let names: BTreeSet<&str> = table["configs"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|name| name.as_str().unwrap())
-        .collect();
-    let on = table.get("on").and_then(Value::as_table);
-    for (config, of_variants) in on.into_iter().flatten() {
-        assert!(names.contains(config.as_str()), "{experiment}: {config}");
-        for variant in of_variants.as_table().unwrap().keys() {
-            assert!(variants.contains_key(variant), "{experiment}: {variant}");
-        }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let path = root.join(format!("configs/paper/{experiment}.toml"));
+    let five: Vec<u32> = (0..5).collect();
+    let sweep = Sweep::read(&path, &Changes::default()).unwrap();
+    for runs in sweep.runs.chunks(5) {
+        let seeds: Vec<u32> = runs.iter().map(|run| run.seed).collect();
+        assert_eq!(seeds, five, "{experiment}");
     }
-    let mut runs = Vec::new();
-    for config in names {
-        for (variant, settings) in variants {
-            let own = on.and_then(|on| on.get(config)?.get(variant)?.as_table());
-            let mut overrides = Overrides::default();
-            for (key, value) in settings
-                .as_table()
-                .unwrap()
-                .iter()
-                .chain(own.into_iter().flatten())
-            {
-                overrides.set(&format!("{key}={value}")).unwrap();
-            }
-            let path = configs.join(format!("{config}.toml"));
-            let resolved = config::read(&path, &overrides)
-                .unwrap_or_else(|error| panic!("{experiment}, {config}, {variant}: {error}"));
-            runs.push((config.to_owned(), variant.clone(), resolved));
-        }
-    }
-    runs
+    let runs = sweep.runs.into_iter().step_by(5).map(|run| {
+        let mut names = run.name.split('/').map(str::to_owned);
+        let [config, variant] = [(); 2].map(|()| names.next().unwrap());
+        (config, variant, run.config)
+    });
+    runs.collect()
 }
 
 #[test]

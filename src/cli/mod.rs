@@ -5,6 +5,7 @@ mod envs;
 mod eval;
 mod progress;
 mod render;
+mod sweep;
 mod train;
 mod verify;
 
@@ -12,6 +13,7 @@ use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
 use crate::render::{OutputError, PaintError, RenderError};
 use crate::replay::DemonstrationError;
+use crate::sweep::SweepError;
 use crate::training::{CheckpointError, LockError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -42,6 +44,8 @@ pub struct Cli {
 enum Command {
     /// Train a policy: learning curves and checkpoints in a run directory
     Train(train::Args),
+    /// Make all runs of an experiment: configurations, variants and seeds of one file
+    Sweep(sweep::Args),
     /// Evaluate the policy of a checkpoint
     Eval(eval::Args),
     /// Draw pictures and videos of a policy, a task or a recording
@@ -62,6 +66,7 @@ impl Cli {
     pub fn run(self) -> anyhow::Result<ExitCode> {
         match self.command {
             Command::Train(args) => train::run(&args),
+            Command::Sweep(args) => sweep::run(&args),
             Command::Eval(args) => eval::run(&args),
             Command::Render(args) => render::run(&args),
             Command::Envs(args) => envs::run(&args),
@@ -126,6 +131,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.downcast_ref().is_some_and(is_misuse_of_renderer)
             || cause.downcast_ref().is_some_and(is_misuse_of_output)
             || matches!(cause.downcast_ref(), Some(PaintError::Camera { .. }))
+            || cause.is::<SweepError>()
             || cause
                 .downcast_ref::<RunDirectoryError>()
                 .is_some_and(is_misuse_of_directory)

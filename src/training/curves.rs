@@ -90,6 +90,7 @@ pub(super) struct TimingRow {
     pub environment_seconds: f64,
     pub update_seconds: f64,
     pub evaluation_seconds: f64,
+    pub checkpoint_seconds: f64,
 }
 
 /// A mean that may be of nothing.

@@ -12,6 +12,7 @@ pub(super) struct Clock {
     step: u64,
     pub environment: Duration,
     pub update: Duration,
+    pub checkpoint: Duration,
 }
 
 /// What passed since the last row of `timing.csv`, to go on from.
@@ -21,6 +22,7 @@ pub(super) struct ClockState {
     in_all: Duration,
     environment: Duration,
     update: Duration,
+    checkpoint: Duration,
 }
 
 impl Clock {
@@ -32,6 +34,7 @@ impl Clock {
             step,
             environment: Duration::ZERO,
             update: Duration::ZERO,
+            checkpoint: Duration::ZERO,
         }
     }
 
@@ -42,6 +45,7 @@ impl Clock {
             in_all: self.in_all(),
             environment: self.environment,
             update: self.update,
+            checkpoint: self.checkpoint,
         }
     }
 
@@ -53,6 +57,7 @@ impl Clock {
             step: state.step,
             environment: state.environment,
             update: state.update,
+            checkpoint: state.checkpoint,
         }
     }
 
@@ -75,6 +80,7 @@ impl Clock {
             environment_seconds: self.environment.as_secs_f64(),
             update_seconds: self.update.as_secs_f64(),
             evaluation_seconds: evaluation.as_secs_f64(),
+            checkpoint_seconds: self.checkpoint.as_secs_f64(),
         }
     }
 }

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::Path;
+use std::time::Instant;
 
 /// The optimisers' moments.
 const OPTIMIZERS: &str = "optimizers.safetensors";
@@ -76,6 +77,13 @@ const HARMLESS: [&str; 3] = [
 impl Trainer {
     /// Saves `checkpoints/last`; the one before it becomes `checkpoints/previous`.
     pub(super) fn save_last(&mut self) -> Result<(), TrainError> {
+        let started = Instant::now();
+        self.write_last()?;
+        self.clock.checkpoint += started.elapsed();
+        Ok(())
+    }
+
+    fn write_last(&mut self) -> Result<(), TrainError> {
         let memory = self.agent.memory();
         let mut contents = self.evaluation_contents()?;
         if let Some(array) = memory.arrays.not_finite() {
@@ -116,6 +124,7 @@ impl Trainer {
 
     /// Saves `checkpoints/best`, to be evaluated.
     pub(super) fn save_best(&mut self) -> Result<(), TrainError> {
+        let started = Instant::now();
         let contents = self.evaluation_contents()?;
         let manifest = manifest(self.step, &contents);
         let best = self.directory.checkpoint("best");
@@ -124,6 +133,7 @@ impl Trainer {
             .and_then(|()| checkpoint::stand(files, &best, None));
         self.on_disk(written)?;
         self.saved.get_or_insert(best);
+        self.clock.checkpoint += started.elapsed();
         Ok(())
     }
 

@@ -227,13 +227,13 @@ fn an_action_that_is_not_finite_is_not_executed() {
 fn quick() -> Config {
     let mut config = config(60);
     (config.random_steps, config.model_start, config.batch_size) = (20, 10, 8);
-    config.networks.hidden = vec![4];
-    config.model.hidden = vec![4];
+    config.networks.hidden = vec![3];
+    config.model.hidden = vec![3];
     config.evaluation.every = 15;
     config.checkpoint.every = 10;
     // The ring begins anew twice.
     config.replay.capacity = 25;
-    config.telemetry.states = 3;
+    config.telemetry.states = 2;
     config
 }
 
@@ -396,9 +396,11 @@ fn every_flipped_byte_of_a_checkpoint_is_an_error_or_changes_nothing() {
                 }
             }
             // Evaluation does with three of the files.
-            match crate::training::Checkpoint::load(&last) {
-                Ok(checkpoint) => assert_eq!(checkpoint.step, 60),
-                Err(error) => assert!(!error.to_string().is_empty()),
+            if name.starts_with("checkpoints/last") && i % 5 == 0 {
+                match crate::training::Checkpoint::load(&last) {
+                    Ok(checkpoint) => assert_eq!(checkpoint.step, 60),
+                    Err(error) => assert!(error.to_string().contains("checkpoints/last/")),
+                }
             }
             flips += 1;
         }

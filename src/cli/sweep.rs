@@ -1,0 +1,234 @@
+//! `mamf sweep`
+
+use super::{FAILED, INTERRUPTED, Misuse, tell};
+use crate::sweep::{
+    self, Changes, Ended, Outcome, Plan, PlannedRun, Progress, Standing, Sweep, Watcher,
+};
+use anyhow::Context;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::flag;
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Arguments of `mamf sweep`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The experiment, for example configs/paper/figure_2.toml
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Folder of the runs [default: runs/<name of the file>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Runs side by side [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Override a setting of all runs
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Environment steps of each run
+    #[arg(long, value_name = "N")]
+    steps: Option<u32>,
+    /// Seeds instead of the experiment's
+    #[arg(long, value_name = "N", num_args = 1..)]
+    seeds: Option<Vec<u32>>,
+    /// List the runs and what became of them, and make none
+    #[arg(long)]
+    dry_run: bool,
+    /// Make only the run of this number in the list, which begins with 0
+    #[arg(long, value_name = "K")]
+    task_index: Option<usize>,
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let mut settings = args.set.clone();
+    settings.extend(args.steps.map(|steps| format!("steps={steps}")));
+    let changes = Changes {
+        seeds: args.seeds.clone(),
+        settings,
+    };
+    let sweep = Sweep::read(&args.file, &changes)?;
+    let default = || PathBuf::from("runs").join(&sweep.name);
+    let out = args.out.clone().unwrap_or_else(default);
+    let runs = match args.task_index {
+        None => sweep.runs.as_slice(),
+        Some(index) => {
+            let count = sweep.runs.len();
+            let one = sweep.runs.get(index..=index);
+            one.ok_or_else(|| {
+                Misuse(format!(
+                    "--task-index {index}: there are {count} runs, 0 to {}",
+                    count - 1
+                ))
+            })?
+        }
+    };
+    if args.dry_run {
+        list(runs, &out)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = args.jobs.map_or(cores, usize::from).min(runs.len());
+    let plan = Plan {
+        program: std::env::current_exe().context("where this program lies")?,
+        out,
+        jobs,
+        // A second thread takes up half of an update at best; a third one nothing.
+        threads: (cores / jobs).clamp(1, 2),
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        flag::register(signal, Arc::clone(&stop))?;
+    }
+    let mut table = Table::new(runs.len());
+    let outcomes = sweep::run(&plan, runs, &mut table, &stop);
+    table.finish();
+    conclude(&outcomes, &plan)
+}
+
+fn list(runs: &[PlannedRun], out: &std::path::Path) -> std::io::Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    let width = runs.iter().map(|run| run.name.len()).max().unwrap_or(0);
+    for (index, run) in runs.iter().enumerate() {
+        let standing = match Standing::of(&out.join(&run.name), &run.config) {
+            Standing::Absent => "to be begun".to_owned(),
+            Standing::Interrupted(step) => format!("to go on from step {step}"),
+            Standing::Finished => "finished".to_owned(),
+            Standing::InTheWay(reason) => reason,
+        };
+        let (name, steps) = (&run.name, run.config.steps);
+        writeln!(
+            stdout,
+            "{index:>4}  {name:width$}  {steps:>9} steps  {standing}"
+        )?;
+    }
+    Ok(())
+}
+
+/// What became of the runs, in a line, and of each that failed.
+fn conclude(outcomes: &[Outcome], plan: &Plan) -> anyhow::Result<ExitCode> {
+    let count = |wanted: fn(&Ended) -> bool| outcomes.iter().filter(|o| wanted(&o.ended)).count();
+    let finished = count(|ended| *ended == Ended::Finished);
+    let interrupted = count(|ended| *ended == Ended::Interrupted);
+    for outcome in outcomes {
+        if let Ended::Failed(reason) = &outcome.ended {
+            tell(&format!("failed: {}: {reason}", outcome.name));
+        }
+    }
+    let (all, out) = (outcomes.len(), plan.out.display());
+    writeln!(
+        std::io::stdout(),
+        "{finished} of {all} runs finished: {out}"
+    )?;
+    if finished + interrupted < all {
+        return Ok(ExitCode::from(FAILED));
+    }
+    if interrupted > 0 {
+        tell(&format!(
+            "{interrupted} interrupted or not begun; the same command goes on with them"
+        ));
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The runs on the terminal, a line each while it runs; elsewhere a line when one begins or ends.
+struct Table {
+    bars: Option<MultiProgress>,
+    all: ProgressBar,
+    running: BTreeMap<String, ProgressBar>,
+    ended: usize,
+    count: usize,
+}
+
+impl Table {
+    fn new(count: usize) -> Table {
+        let bars = std::io::stderr().is_terminal().then(MultiProgress::new);
+        let all = match &bars {
+            None => ProgressBar::hidden(),
+            Some(bars) => {
+                let style =
+                    ProgressStyle::with_template("{wide_bar} {pos}/{len} runs ended  {elapsed}");
+                let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+                bars.add(ProgressBar::new(count as u64).with_style(style))
+            }
+        };
+        Table {
+            bars,
+            all,
+            running: BTreeMap::new(),
+            ended: 0,
+            count,
+        }
+    }
+
+    fn say(&self, message: &str) {
+        match &self.bars {
+            Some(bars) => bars.suspend(|| tell(message)),
+            None => tell(message),
+        }
+    }
+
+    fn finish(&self) {
+        self.all.abandon();
+    }
+}
+
+impl Watcher for Table {
+    fn began(&mut self, run: &PlannedRun, step: u64) {
+        let Some(bars) = &self.bars else {
+            let how = if step == 0 {
+                "began".to_owned()
+            } else {
+                format!("goes on from step {step}")
+            };
+            return tell(&format!("{}: {how}", run.name));
+        };
+        let style = ProgressStyle::with_template(
+            "{prefix:32!} {bar:20} {human_pos:>9}/{human_len} steps  {msg}",
+        );
+        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::new(run.config.steps).with_style(style);
+        let bar = bars.insert_before(&self.all, bar);
+        bar.set_prefix(run.name.clone());
+        bar.set_position(step);
+        self.running.insert(run.name.clone(), bar);
+    }
+
+    fn proceeds(&mut self, run: &PlannedRun, progress: Progress) {
+        let Some(bar) = self.running.get(&run.name) else {
+            return;
+        };
+        bar.set_position(progress.step);
+        let mut message = String::new();
+        if let Some(return_mean) = progress.return_mean {
+            message += &format!("return {return_mean:.1}");
+        }
+        if let Some(rate) = progress.steps_per_second.filter(|rate| *rate > 0.0) {
+            let left = run.config.steps.saturating_sub(progress.step) as f64 / rate;
+            let left = indicatif::HumanDuration(std::time::Duration::from_secs_f64(left));
+            message += &format!("  {rate:.0} steps/s  {left:#} left");
+        }
+        bar.set_message(message);
+    }
+
+    fn ended(&mut self, run: &PlannedRun, ended: &Ended) {
+        if let Some(bar) = self.running.remove(&run.name) {
+            bar.finish_and_clear();
+        }
+        self.ended += 1;
+        self.all.set_position(self.ended as u64);
+        let how = match ended {
+            Ended::Finished => "finished",
+            Ended::Interrupted => "interrupted",
+            Ended::Failed(_) => "failed",
+        };
+        let (name, ended, count) = (&run.name, self.ended, self.count);
+        self.say(&format!("{name}: {how} ({ended} of {count})"));
+    }
+}

@@ -1,0 +1,9 @@
+//! Experiments: one file describes many runs, which are made side by side, each in a process of its own.
+
+mod definition;
+mod runner;
+mod standing;
+
+pub use definition::{Changes, PlannedRun, Sweep, SweepError};
+pub use runner::{Ended, Outcome, Plan, Watcher, run};
+pub use standing::{Progress, Standing};
