@@ -76,7 +76,7 @@ pub(super) fn record(
     let mut playback = Playback::new(spec.dt, 1.0, None, Format::Gif.ticks());
     let mut encoder = render::create(&path, Format::Gif, SIZE, playback.interval())?;
     for (_, film) in &films {
-        develop(film, &mut playback, &mut painter, encoder.as_mut(), || ())?;
+        develop(film, &mut playback, &mut painter, encoder.as_mut(), || true)?;
     }
     Ok(encoder.finish()?)
 }

@@ -1,6 +1,7 @@
 //! Few colours for many: a palette by splitting the colours of a picture where they vary most.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Colours of a palette, one less than a GIF can have.
 pub(super) const COLOURS: usize = 255;
@@ -96,7 +97,7 @@ fn key(pixel: [u8; 3]) -> usize {
 /// Splits the samples into as many groups as a palette has colours, each time the group with the
 /// largest spread at its middle; the middle of each group.
 fn split(mut samples: Vec<Sample>) -> Vec<Colour> {
-    let mut groups = vec![0..samples.len()];
+    let mut groups: Vec<Range<usize>> = std::iter::once(0..samples.len()).collect();
     let mut spreads = vec![spread(&samples)];
     while groups.len() < COLOURS {
         let widest = (0..groups.len()).max_by(|a, b| {

@@ -75,17 +75,20 @@ fn chunk(out: &mut Vec<u8>, name: &[u8; 4], contents: &[u8]) {
     out.extend(checksum.sum().to_be_bytes());
 }
 
+/// What a byte is expected to be, by those to the left, above, and above to the left.
+type Expected = fn(u8, u8, u8) -> u8;
+
 /// A row as differences from what its neighbours let expect, after the number of the filter that was
 /// used: the one with the least sum of differences, as the standard recommends.
 fn filtered(row: &[u8], above: &[u8]) -> Vec<u8> {
-    let filters: [(u8, fn(u8, u8, u8) -> u8); 4] = [
+    let filters: [(u8, Expected); 4] = [
         (0, |_, _, _| 0),
         (1, |left, _, _| left),
         (2, |_, up, _| up),
         (4, paeth),
     ];
     let before = |bytes: &[u8], i: usize| i.checked_sub(CHANNELS).map_or(0, |i| bytes[i]);
-    let apply = |(number, expected): (u8, fn(u8, u8, u8) -> u8)| {
+    let apply = |(number, expected): (u8, Expected)| {
         let difference = |i: usize| {
             let expected = expected(before(row, i), above[i], before(above, i));
             row[i].wrapping_sub(expected)

@@ -243,12 +243,12 @@ impl Renderer {
             sys::mjguard_readPixels(pixels.as_mut_ptr(), viewport, &*self.drawing)
         })?;
         self.check_opengl()?;
-        Ok(self.from_the_top(&pixels))
+        Ok(self.rows_from_top(&pixels))
     }
 
     /// The picture of what OpenGL drew, which begins at the bottom: each pixel is the mean of those that
     /// were drawn for it.
-    fn from_the_top(&self, drawn: &[u8]) -> Picture {
+    fn rows_from_top(&self, drawn: &[u8]) -> Picture {
         let ([width, height], n) = (self.size, self.fineness);
         let row = width * n * CHANNELS;
         let mut rgb = Vec::with_capacity(width * height * CHANNELS);
