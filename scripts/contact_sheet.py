@@ -11,11 +11,9 @@ from pathlib import Path
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
 # Pixels of a picture on the sheet and of the name over it, and how many stand side by side.
-SIZE = (240, 180)
+SIZE = (200, 150)
 NAME = 16
 COLUMNS = 5
-# A palette makes the file a third as large.
-COLOURS = 256
 
 
 def main():
@@ -36,7 +34,7 @@ def main():
             sys.exit(f"{path}: not a readable picture: {error}")
         draw.text((left + width / 2, top + NAME / 2), path.stem, fill="black", anchor="mm")
         sheet.paste(picture, (left, top + NAME))
-    sheet.quantize(COLOURS, dither=Image.Dither.NONE).save(arguments.out, optimize=True)
+    sheet.save(arguments.out, optimize=True)
 
 
 if __name__ == "__main__":
