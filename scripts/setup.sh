@@ -1,11 +1,20 @@
 #!/usr/bin/env bash
 # Installs what the build needs on Debian and its relatives: the MuJoCo library with its headers, libclang
-# (bindgen reads the headers with it), a C toolchain and pkg-config. Does nothing when all is there.
+# (bindgen reads the headers with it), a C toolchain and pkg-config; with --render also OSMesa, with which
+# pictures are drawn in software. Does nothing when all is there.
 #
-#   scripts/setup.sh
+#   scripts/setup.sh [--render]
 set -euo pipefail
 
 packages=(libmujoco-dev libclang-dev build-essential pkg-config)
+case "${1:-}" in
+    "") ;;
+    --render) packages+=(libosmesa6) ;;
+    *)
+        echo "setup.sh: unknown option $1; the only one is --render" >&2
+        exit 2
+        ;;
+esac
 
 if ! command -v dpkg >/dev/null || ! command -v apt-get >/dev/null; then
     echo "setup.sh: this is no Debian system; install MuJoCo, libclang, a C compiler and pkg-config yourself," >&2

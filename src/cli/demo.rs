@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use super::{Episodes, FAILED, Misuse, tell};
+use super::{Episodes, FAILED, Misuse, say, tell};
 use crate::demonstration::{
     self, Description, EpisodeRecorder, Replayed, STORED_DIFFERENCE, UnusableRecording,
 };
@@ -232,11 +232,6 @@ fn each<T>(
         }
     }
     Ok((found, code))
-}
-
-/// Writes a line to standard output; nobody listening there is no reason to stop recording.
-fn say(text: &str) {
-    let _ = println(text);
 }
 
 /// Writes a line to standard output.

@@ -4,12 +4,14 @@ mod demo;
 mod envs;
 mod eval;
 mod progress;
+mod render;
 mod sweep;
 mod train;
 mod verify;
 
 use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
+use crate::render::{OutputError, PaintError, RenderError};
 use crate::replay::DemonstrationError;
 use crate::sweep::SweepError;
 use crate::training::{CheckpointError, LockError, RunDirectoryError, TrainError};
@@ -46,6 +48,8 @@ enum Command {
     Sweep(sweep::Args),
     /// Evaluate the policy of a checkpoint
     Eval(eval::Args),
+    /// Draw pictures and videos of a policy, a task or a recording
+    Render(render::Args),
     /// List the tasks, or show one in detail
     Envs(envs::Args),
     /// Replay recorded rollouts and compare every step
@@ -64,6 +68,7 @@ impl Cli {
             Command::Train(args) => train::run(&args),
             Command::Sweep(args) => sweep::run(&args),
             Command::Eval(args) => eval::run(&args),
+            Command::Render(args) => render::run(&args),
             Command::Envs(args) => envs::run(&args),
             Command::Verify(args) => verify::run(&args),
             Command::Demo(args) => demo::run(&args),
@@ -100,6 +105,11 @@ fn tell(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
+/// Writes a line to standard output; nobody listening there is no reason to stop what is being made.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{text}");
+}
+
 /// Tells the user of `error` and returns the code to end the process with.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     let closed = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
@@ -118,6 +128,9 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.is::<UnknownTask>()
             || matches!(cause.downcast_ref(), Some(MakeError::Unknown(_)))
             || cause.is::<Misuse>()
+            || cause.downcast_ref().is_some_and(is_misuse_of_renderer)
+            || cause.downcast_ref().is_some_and(is_misuse_of_output)
+            || matches!(cause.downcast_ref(), Some(PaintError::Camera { .. }))
             || cause.is::<SweepError>()
             || cause
                 .downcast_ref::<RunDirectoryError>()
@@ -140,6 +153,27 @@ fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
             | RunDirectoryError::NoRun(_)
             | RunDirectoryError::IsACheckpoint(_)
             | RunDirectoryError::Locked(LockError::Held { .. })
+    )
+}
+
+fn is_misuse_of_renderer(error: &RenderError) -> bool {
+    matches!(
+        error,
+        RenderError::NoRenderer { .. }
+            | RenderError::InTheWay(_)
+            | RenderError::Forced { .. }
+            | RenderError::UnknownLibrary(_)
+            | RenderError::Size(..)
+    )
+}
+
+fn is_misuse_of_output(error: &OutputError) -> bool {
+    matches!(
+        error,
+        OutputError::UnknownFormat { .. }
+            | OutputError::Exists { .. }
+            | OutputError::OddSize { .. }
+            | OutputError::NoFfmpeg { .. }
     )
 }
 

@@ -1,4 +1,4 @@
-//! The progress of a training run on the terminal; nothing where there is none.
+//! Progress on the terminal; nothing where there is none.
 
 use super::tell;
 use crate::config::Config;
@@ -11,6 +11,23 @@ use std::io::IsTerminal;
 pub(super) struct Progress {
     bar: ProgressBar,
     shown: Option<f64>,
+}
+
+/// A bar of things that are made one by one, drawn on standard error when that is a terminal. Its
+/// length grows as more are known to come.
+pub(super) fn bar(things: &str) -> ProgressBar {
+    let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {things}  {{eta}} left");
+    let style = ProgressStyle::with_template(&template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(Some(0), target()).with_style(style)
+}
+
+fn target() -> ProgressDrawTarget {
+    if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr_with_hz(5)
+    } else {
+        ProgressDrawTarget::hidden()
+    }
 }
 
 impl Progress {

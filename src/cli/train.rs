@@ -66,7 +66,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut progress = Progress::new();
     let trainer = match (&args.resume, &args.config) {
         (Some(path), _) => match resume(path, overrides, args.force, &mut progress)? {
-            Resumed::Run(trainer) => *trainer,
+            Resumed::Run(trainer) => {
+                training::check_video(trainer.config())?;
+                *trainer
+            }
             Resumed::Finished(steps) => {
                 let path = path.display();
                 writeln!(std::io::stdout(), "finished already, {steps} steps: {path}")?;
@@ -109,6 +112,7 @@ fn begin(
     let demonstrations = training::demonstrations(&config)?;
     let memory = ReplayMemory::of(&config, config.env()?.spec());
     memory.check().map_err(TrainError::from)?;
+    training::check_video(&config)?;
     let directory = || {
         let directory = RunDirectory::create(&path, force)?;
         progress.memory(&memory);

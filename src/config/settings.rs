@@ -72,6 +72,9 @@ pub struct Config {
     pub evaluation: Evaluation,
     /// What evaluations measure besides returns.
     pub telemetry: Telemetry,
+    /// Videos of the policy. Runs from before there were any have none.
+    #[serde(default)]
+    pub video: Video,
     /// Checkpoints.
     pub checkpoint: Checkpoint,
     /// Where and with how many threads tensors are computed.
@@ -121,6 +124,14 @@ pub struct Telemetry {
     /// States of the simulator, chosen at random since the last evaluation, in which imagined steps are
     /// executed; 0 for none.
     pub states: usize,
+}
+
+/// Videos of the policy in the run directory.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Video {
+    /// Environment steps between two videos, a multiple of those between evaluations; 0 for none.
+    pub every: u64,
 }
 
 /// Checkpoints in the run directory.
@@ -301,6 +312,7 @@ impl Config {
                 episodes: 10,
             },
             telemetry: Telemetry { states: 64 },
+            video: Video::default(),
             checkpoint: Checkpoint {
                 every: 50_000,
                 replay: true,

@@ -101,6 +101,11 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     positive("evaluation.every", c.evaluation.every)?;
     positive("evaluation.episodes", c.evaluation.episodes as u64)?;
     at_most("telemetry.states", c.telemetry.states as u64, 100_000)?;
+    if !c.video.every.is_multiple_of(c.evaluation.every) {
+        let every = c.evaluation.every;
+        let expected = format!("0 or a multiple of evaluation.every ({every})");
+        return violation("video.every", expected);
+    }
     positive("checkpoint.every", c.checkpoint.every)?;
     at_most("batch_size", c.batch_size as u64, 1_000_000)?;
     at_most("replay.capacity", c.replay.capacity as u64, 1_000_000_000)?;

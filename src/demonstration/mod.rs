@@ -11,9 +11,10 @@ mod series;
 
 use std::path::{Path, PathBuf};
 
-use crate::env::MakeError;
-use crate::recording::RecordingError;
+use crate::env::{self, MakeError, Replay};
+use crate::recording::{Recording, RecordingError};
 use crate::replay::DemonstrationError;
+use crate::verification::check_columns;
 
 pub use describe::{Description, describe, descriptions, totals};
 pub use record::EpisodeRecorder;
@@ -45,6 +46,17 @@ impl UnusableRecording {
         let path = path.to_owned();
         move |source| UnusableRecording::Task { path, source }
     }
+}
+
+/// The task of `recording`, which is fit to be put into its states.
+///
+/// # Errors
+/// If the task is unknown, the arrays do not fit it or a number is not finite.
+pub fn task_of(recording: &Recording) -> Result<Box<dyn Replay>, UnusableRecording> {
+    let env = env::make_replay(&recording.env).map_err(UnusableRecording::task(&recording.path))?;
+    check_columns(recording, env.as_ref())?;
+    recording.check_finite()?;
+    Ok(env)
 }
 
 /// How a table names the file `path`: relative to the directory `base`, if it lies there.

@@ -161,6 +161,10 @@ impl Replay for Doubled {
         self.inner.achieved_goal()
     }
 
+    fn shown_qpos(&self) -> Vec<f64> {
+        self.inner.shown_qpos()
+    }
+
     fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64 {
         self.inner.goal_error(qpos, goal, settled)
     }

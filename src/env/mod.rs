@@ -108,6 +108,9 @@ pub trait Replay: Env {
     /// What the goal would have to be to be reached in this state, `goal_size`.
     fn achieved_goal(&self) -> Vec<f64>;
 
+    /// Positions to draw the scene at, `nq`: those of the state, with targets where the goal is.
+    fn shown_qpos(&self) -> Vec<f64>;
+
     /// How far `goal` lies from the goals that a reset can draw: for objects that settled at `qpos`, or,
     /// unless these have `settled`, for objects anywhere.
     fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64;

@@ -333,6 +333,12 @@ impl<T: Task> Replay for Simulation<T> {
         achieved
     }
 
+    fn shown_qpos(&self) -> Vec<f64> {
+        let mut qpos = self.data.qpos().to_vec();
+        self.task.place_targets(&mut qpos);
+        qpos
+    }
+
     fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64 {
         self.task.goal_error(qpos, goal, settled)
     }

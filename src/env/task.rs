@@ -153,6 +153,9 @@ pub trait Task: Send {
     /// Writes what the goal would have to be to be reached in this state.
     fn achieved_goal(&self, _data: &Data, _achieved: &mut [f64]) {}
 
+    /// Moves the targets in `qpos` to the goal of the episode.
+    fn place_targets(&self, _qpos: &mut [f64]) {}
+
     /// How far `goal` lies from the goals that [`draw_goal`](Task::draw_goal) can give: for objects that
     /// settled at `qpos`, or, unless these have `settled`, for objects anywhere.
     fn goal_error(&self, _qpos: &[f64], _goal: &[f64], _settled: bool) -> f64 {

@@ -12,6 +12,7 @@ use serde_json::{Map, Value, json};
 
 use super::archive::Archive;
 use super::read::Settings;
+use crate::new_file::NewFile;
 
 /// What keeps a recording from being written.
 #[derive(Debug, thiserror::Error)]
@@ -287,21 +288,22 @@ pub fn write(
     for (i, array) in arrays.iter().enumerate() {
         check(stem, array, &arrays[..i])?;
     }
-    let npz = NewFile::create(with_ending(stem, "npz"))?;
-    let json = NewFile::create(with_ending(stem, "json"))?;
+    let (npz_path, json_path) = (with_ending(stem, "npz"), with_ending(stem, "json"));
+    let npz = NewFile::create(npz_path.clone()).map_err(failed(&npz_path))?;
+    let json = NewFile::create(json_path.clone()).map_err(failed(&json_path))?;
 
-    write_arrays(&npz.temporary, arrays).map_err(|source| npz.error(source))?;
-    let description = describe(&npz.temporary, arrays).map_err(|source| npz.error(source))?;
+    write_arrays(npz.temporary(), arrays).map_err(failed(&npz_path))?;
+    let description = describe(npz.temporary(), arrays).map_err(failed(&npz_path))?;
     settings.insert("arrays".into(), description);
     settings.insert("dtype".into(), "float64 little-endian, C order".into());
     let text = format!("{:#}\n", Value::Object(settings));
-    fs::write(&json.temporary, text).map_err(|source| json.error(source))?;
+    fs::write(json.temporary(), text).map_err(failed(&json_path))?;
 
-    let npz_path = npz.target.clone();
-    npz.keep()?;
-    json.keep().inspect_err(|_| {
+    npz.keep().map_err(failed(&npz_path))?;
+    json.keep().map_err(|error| {
         // Half a recording is none.
         let _ = fs::remove_file(&npz_path);
+        failed(&json_path)(error)
     })
 }
 
@@ -372,55 +374,11 @@ fn with_ending(stem: &Path, ending: &str) -> PathBuf {
     path.into()
 }
 
-/// A file in the making, under another name until it is whole.
-struct NewFile {
-    target: PathBuf,
-    temporary: PathBuf,
-}
-
-impl NewFile {
-    fn create(target: PathBuf) -> Result<NewFile, WriteError> {
-        // A link that leads nowhere is in the way as well.
-        if target.symlink_metadata().is_ok() {
-            return Err(WriteError::Exists { path: target });
-        }
-        let ending = format!("{}.tmp", std::process::id());
-        let temporary = with_ending(&target, &ending);
-        match File::create_new(&temporary) {
-            Ok(_) => Ok(NewFile { target, temporary }),
-            Err(source) => Err(WriteError::Io {
-                path: target,
-                source,
-            }),
-        }
-    }
-
-    /// Gives the file its name, unless another one took it in the meantime.
-    fn keep(self) -> Result<(), WriteError> {
-        let linked = fs::hard_link(&self.temporary, &self.target);
-        match linked {
-            Ok(()) => Ok(()),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                let path = self.target.clone();
-                Err(WriteError::Exists { path })
-            }
-            // Not every file system has links.
-            Err(_) => {
-                fs::rename(&self.temporary, &self.target).map_err(|source| self.error(source))
-            }
-        }
-    }
-
-    fn error(&self, source: io::Error) -> WriteError {
-        WriteError::Io {
-            path: self.target.clone(),
-            source,
-        }
-    }
-}
-
-impl Drop for NewFile {
-    fn drop(&mut self) {
-        let _ = fs::remove_file(&self.temporary);
+/// What went wrong with the file `path`.
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> WriteError + use<> {
+    let path = path.to_owned();
+    move |source| match source.kind() {
+        io::ErrorKind::AlreadyExists => WriteError::Exists { path },
+        _ => WriteError::Io { path, source },
     }
 }

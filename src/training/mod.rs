@@ -12,6 +12,7 @@ mod provenance;
 mod run_directory;
 mod telemetry;
 mod trainer;
+mod video;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use error::{DiskError, TrainError};
@@ -22,3 +23,4 @@ pub use run_directory::{RunDirectory, RunDirectoryError};
 pub use trainer::{
     Monitor, Outcome, ResumeOptions, Resumed, Status, Trainer, demonstrations, fresh_agent,
 };
+pub use video::{Camera, check_video};

@@ -188,10 +188,26 @@ impl RunDirectory {
         for name in CURVES {
             self.files.remove(&self.path.join(name))?;
         }
+        self.remove_videos()?;
         for name in CHECKPOINTS {
             self.files.remove(&self.checkpoint(name))?;
         }
         self.files.create_dir(&self.checkpoints())
+    }
+
+    fn remove_videos(&self) -> Result<(), FileError> {
+        let videos = self.path.join("videos");
+        let entries = std::fs::read_dir(&videos).into_iter().flatten().flatten();
+        let ours = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            name.starts_with("step_") && name.ends_with(".gif")
+        };
+        for path in entries.map(|entry| entry.path()).filter(ours) {
+            self.files.remove(&path)?;
+        }
+        // Unless something else lies there.
+        let _ = std::fs::remove_dir(&videos);
+        Ok(())
     }
 
     /// The directory itself.

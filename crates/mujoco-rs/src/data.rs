@@ -87,6 +87,15 @@ impl Data {
         self.guarded(|m, d| unsafe { sys::mjguard_forward(m, d) })
     }
 
+    /// Computes where bodies, geoms, sites, tendons, cameras and lights are, and nothing else.
+    ///
+    /// # Errors
+    /// [`Error::Engine`] if MuJoCo fails, [`Error::Poisoned`] if it failed before.
+    pub fn pose(&mut self) -> Result<()> {
+        // SAFETY: the data belong to this model.
+        self.guarded(|m, d| unsafe { sys::mjguard_pose(m, d) })
+    }
+
     /// Computes accelerations and forces of bodies (`cfrc_ext` among them) from the last evaluation.
     ///
     /// # Errors

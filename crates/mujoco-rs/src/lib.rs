@@ -20,6 +20,7 @@ mod error;
 mod guard;
 mod model;
 mod object;
+pub mod render;
 mod warning;
 
 pub use data::Data;

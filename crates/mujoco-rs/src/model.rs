@@ -118,6 +118,20 @@ impl Model {
         self.raw().stat.meaninertia
     }
 
+    /// A copy that `change` was applied to, which may write numbers but no sizes and no pointers.
+    ///
+    /// # Errors
+    /// [`Error::Allocation`] or [`Error::Engine`] if memory cannot be had.
+    pub(crate) fn changed(&self, change: impl FnOnce(&mut sys::mjModel)) -> Result<Self> {
+        let mut raw = ptr::null_mut();
+        // SAFETY: the model is valid, and `raw` receives an owned model or null.
+        guard::check(unsafe { sys::mjguard_copyModel(self.as_ptr(), &mut raw) })?;
+        let mut raw = NonNull::new(raw).ok_or(Error::Allocation("the model"))?;
+        // SAFETY: the copy is valid, and nobody else knows it yet.
+        change(unsafe { raw.as_mut() });
+        Ok(Self { raw })
+    }
+
     /// The raw model, for parts of MuJoCo that this crate does not wrap. It must not be written to.
     pub fn as_ptr(&self) -> *const sys::mjModel {
         self.raw.as_ptr()
@@ -156,6 +170,8 @@ sizes! {
     ngeom
     /// Number of sites.
     nsite
+    /// Number of cameras.
+    ncam
     /// Number of tendons.
     ntendon
     /// Number of joints, sites and geoms in the paths of all tendons.

@@ -2,8 +2,8 @@
  * MuJoCo reports fatal conditions (stack overflow, broken arguments) through mju_error, whose
  * handler must not return: callers go on as if it never did. Unwinding a Rust panic through C
  * frames is undefined, so the handler jumps back to the guarded call instead. The jump crosses
- * frames of C functions only: stepping is plain C, and the C++ model compiler traps its engine
- * errors itself and throws them as its own exceptions.
+ * frames of C functions only: stepping and drawing are plain C, and the C++ model compiler traps its
+ * engine errors itself and throws them as its own exceptions.
  */
 
 #include "guard.h"
@@ -78,9 +78,45 @@ int mjguard_rnePostConstraint(const mjModel* m, mjData* d) {
   GUARDED(mj_rnePostConstraint(m, d));
 }
 
-const size_t mjguard_layout[8] = {
+int mjguard_copyModel(const mjModel* m, mjModel** out) {
+  GUARDED(*out = mj_copyModel(NULL, m));
+}
+
+int mjguard_pose(const mjModel* m, mjData* d) {
+  GUARDED(mj_kinematics(m, d); mj_comPos(m, d); mj_camlight(m, d); mj_tendon(m, d));
+}
+
+int mjguard_makeScene(const mjModel* m, mjvScene* scn, int maxgeom) {
+  GUARDED(mjv_makeScene(m, scn, maxgeom));
+}
+
+int mjguard_updateScene(const mjModel* m, mjData* d, const mjvOption* opt, mjvCamera* cam, mjvScene* scn) {
+  /* Endless planes are centred before the camera, which updateScene itself moves last. */
+  GUARDED(mjv_updateCamera(m, d, cam, scn); mjv_updateScene(m, d, opt, NULL, cam, mjCAT_ALL, scn));
+}
+
+int mjguard_makeContext(const mjModel* m, mjrContext* con, int fontscale) {
+  GUARDED(mjr_makeContext(m, con, fontscale); mjr_setBuffer(mjFB_OFFSCREEN, con));
+}
+
+int mjguard_render(mjrRect viewport, mjvScene* scn, const mjrContext* con) {
+  GUARDED(mjr_render(viewport, scn, con));
+}
+
+int mjguard_overlay(int gridpos, mjrRect viewport, const char* left, const char* right, const mjrContext* con) {
+  GUARDED(mjr_overlay(mjFONT_NORMAL, gridpos, viewport, left, right, con));
+}
+
+int mjguard_readPixels(unsigned char* rgb, mjrRect viewport, const mjrContext* con) {
+  GUARDED(mjr_readPixels(rgb, NULL, viewport, con));
+}
+
+const size_t mjguard_layout[MJGUARD_LAYOUT] = {
     sizeof(mjModel),          sizeof(mjData),
     sizeof(mjVFS),            sizeof(mjContact),
     offsetof(mjModel, qpos0), offsetof(mjData, qpos),
     offsetof(mjData, xpos),   offsetof(mjData, warning),
+    sizeof(mjvScene),         sizeof(mjvGeom),
+    sizeof(mjvOption),        sizeof(mjvCamera),
+    sizeof(mjrContext),       offsetof(mjrContext, offWidth),
 };

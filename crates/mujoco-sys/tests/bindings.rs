@@ -24,6 +24,12 @@ fn layouts_agree_with_the_c_compiler() {
         offset_of!(mjData, qpos),
         offset_of!(mjData, xpos),
         offset_of!(mjData, warning),
+        size_of::<mjvScene>(),
+        size_of::<mjvGeom>(),
+        size_of::<mjvOption>(),
+        size_of::<mjvCamera>(),
+        size_of::<mjrContext>(),
+        offset_of!(mjrContext, offWidth),
     ];
     assert_eq!(c, rust);
 }

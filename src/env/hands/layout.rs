@@ -34,6 +34,17 @@ pub struct Place {
     pub target: [f64; 3],
 }
 
+/// From where a scene is looked at: along the x axis, towards lower x.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// The point in the middle of the picture, in metres.
+    pub middle: [f64; 3],
+    /// Metres from there.
+    pub distance: f64,
+    /// Angle at which the camera looks down, in degrees.
+    pub elevation: f64,
+}
+
 /// How an episode begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Beginning {
@@ -54,6 +65,8 @@ pub struct Layout {
     pub moving: bool,
     /// Height of the floor.
     pub floor: f64,
+    /// What its camera sees: both hands in full, or the fingers of one.
+    pub view: View,
     /// The objects, one or two.
     pub places: &'static [Place],
     /// Whether the target of a pen starts turned as the pen does.
@@ -89,6 +102,14 @@ const fn mount(position: [f64; 3], quaternion: [f64; 4]) -> Mount {
     }
 }
 
+const fn view(middle: [f64; 3], distance: f64, elevation: f64) -> View {
+    View {
+        middle,
+        distance,
+        elevation,
+    }
+}
+
 const fn place(object: [f64; 3], target: [f64; 3]) -> Place {
     Place { object, target }
 }
@@ -108,6 +129,7 @@ pub static SPIN: Layout = Layout {
     mounts: &[mount([1.0, 1.25, 0.15], PALM_UP_1)],
     moving: false,
     floor: -0.2,
+    view: view([1.0, 0.88, 0.18], 0.5, 45.0),
     places: &[place([1.0, 0.87, 0.2], [1.0, 0.87, 0.2])],
     turned_targets: true,
     beginning: Beginning::Settled,
@@ -124,6 +146,7 @@ pub static HAND_OVER: Layout = Layout {
     ],
     moving: false,
     floor: 0.0,
+    view: view([1.0, 0.75, 0.17], 1.1, 40.0),
     places: &[place([1.0, 0.87, 0.2], [1.04, 0.89, 0.2])],
     turned_targets: true,
     beginning: Beginning::Settled,
@@ -143,6 +166,7 @@ pub static CATCH_UNDERARM: Layout = Layout {
     ],
     moving: true,
     floor: -1.0,
+    view: view([1.0, 0.675, 0.38], 1.45, 35.0),
     places: &[place([1.0, 0.35, 0.4], [1.0, 0.7, 0.2])],
     turned_targets: true,
     beginning: Beginning::Settled,
@@ -162,6 +186,7 @@ pub static CATCH_UNDERARM_HARD: Layout = Layout {
     ],
     moving: true,
     floor: -1.0,
+    view: view([1.0, 0.675, 0.38], 2.05, 35.0),
     places: &[place([1.0, 0.05, 0.4], [1.0, 0.7, 0.2])],
     turned_targets: true,
     beginning: Beginning::Settled,
@@ -181,6 +206,7 @@ pub static CATCH_OVERARM: Layout = Layout {
     ],
     moving: true,
     floor: -1.0,
+    view: view([1.0, 0.6, 0.42], 1.95, 15.0),
     places: &[place([1.0, 1.3, 0.45], [1.0, 0.7, 0.2])],
     turned_targets: false,
     beginning: Beginning::Poised([1.0, -0.2, 0.40267]),
@@ -197,6 +223,7 @@ pub static TWO_CATCH_UNDERARM: Layout = Layout {
     mounts: CATCH_UNDERARM.mounts,
     moving: true,
     floor: -1.0,
+    view: CATCH_UNDERARM.view,
     places: &[
         place([1.0, 0.35, 0.4], [1.0, 0.7, 0.2]),
         place([1.0, 1.0, 0.4], [1.0, 0.7, 0.4]),

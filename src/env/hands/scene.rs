@@ -109,31 +109,27 @@ impl HandScene {
                 let _ = writeln!(text, "  <include file=\"{file}\"/>");
                 text
             });
+        let [position, up] = self.camera();
         let scene = fill(
             SCENE,
             &[
                 ("{name}", &self.name()),
                 ("{floor}", &self.layout.floor.to_string()),
-                ("{camera_pos}", &numbers(&self.camera())),
+                ("{camera_pos}", &numbers(&position)),
+                ("{camera_up}", &numbers(&up)),
                 ("{parts}", parts.trim_end()),
             ],
         );
         (scene, files)
     }
 
-    /// Where a camera that looks along (-0.87, 0, -0.5) sees both hands, or one hand's fingers.
-    fn camera(&self) -> [f64; 3] {
-        let n = self.layout.mounts.len() as f64;
-        let positions = || self.layout.mounts.iter().map(|m| m.position);
-        let [x, y, z] = [0, 1, 2].map(|i| positions().map(|p| p[i]).sum::<f64>() / n);
-        let (y, distance) = match self.layout.mounts {
-            [first, second] => {
-                let apart = (first.position[1] - second.position[1]).abs();
-                (y, 0.75 + 0.85 * apart)
-            }
-            _ => (self.layout.places[0].object[1] + 0.05, 0.6),
-        };
-        [x + 0.87 * distance, y, z + 0.05 + 0.5 * distance]
+    /// Position and upward axis of the camera.
+    fn camera(&self) -> [[f64; 3]; 2] {
+        let view = &self.layout.view;
+        let (sin, cos) = view.elevation.to_radians().sin_cos();
+        let [x, y, z] = view.middle;
+        let position = [x + view.distance * cos, y, z + view.distance * sin];
+        [position, [-sin, 0.0, cos]]
     }
 
     fn hand(&self, i: usize, mount: &Mount) -> File {

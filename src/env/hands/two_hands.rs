@@ -233,6 +233,12 @@ impl Task for TwoHands {
         }
     }
 
+    fn place_targets(&self, qpos: &mut [f64]) {
+        for (i, goal) in self.goal.chunks_exact(POSE).enumerate() {
+            qpos[self.indices.qpos(2 * i + 1)].copy_from_slice(goal);
+        }
+    }
+
     fn goal_error(&self, qpos: &[f64], goal: &[f64], settled: bool) -> f64 {
         let first = self.first_region(qpos);
         let drawn = self.distance_from_goals(goal, first);

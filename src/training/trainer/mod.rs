@@ -10,7 +10,7 @@ pub use save::{ResumeOptions, Resumed};
 use super::curves::{Curves, EvalRow, Interval, Measured};
 use super::experience::{Experience, NotFinite, Sinks};
 use super::telemetry::{self, Probing, Returns};
-use super::{Evaluation, Evaluator, ReplayMemory, RunDirectory, TrainError};
+use super::{Evaluation, Evaluator, ReplayMemory, RunDirectory, TrainError, video};
 use crate::agent::{Agent, ImaginationDraws, ModelDraws, Sample};
 use crate::config::{Addition, Config, Overrides};
 use crate::env::{self, Scene};
@@ -145,6 +145,7 @@ impl Trainer {
         let mut policy = self.agent.policy(&self.scaling);
         if self.step == 0 {
             self.evaluate()?;
+            self.record_video(monitor);
             self.experience.reset(&mut self.moments);
         }
         while self.step < steps {
@@ -181,6 +182,7 @@ impl Trainer {
 
             if step.is_multiple_of(self.config.evaluation.every) {
                 self.evaluate()?;
+                self.record_video(monitor);
             }
             let stopped = stop.load(Ordering::Relaxed) && step < steps;
             if stopped || step == steps || step.is_multiple_of(self.config.checkpoint.every) {
@@ -388,6 +390,21 @@ impl Trainer {
             self.on_disk(written)?;
         }
         self.note_evaluation(&evaluation)
+    }
+
+    /// Records a video where one is due. That takes none of the run's time, and one that can't be made
+    /// ends no run.
+    fn record_video(&mut self, monitor: &mut dyn Monitor) {
+        let (step, every) = (self.step, self.config.video.every);
+        if every == 0 || !step.is_multiple_of(every) {
+            return;
+        }
+        let started = Instant::now();
+        let policy = self.agent.policy(&self.scaling);
+        if let Err(error) = video::record(&self.config, self.directory.path(), step, &policy) {
+            monitor.note(&format!("step {step}: no video: {error}"));
+        }
+        self.clock.leave_out(started.elapsed());
     }
 
     fn note_evaluation(&mut self, evaluation: &Evaluation) -> Result<(), TrainError> {

@@ -68,7 +68,7 @@ pub enum Resumed {
 const FREE: [&str; 2] = ["steps", "compute.threads"];
 /// Settings that may be changed with `--force`: no result depends on them, or, of the demonstrations, only
 /// on what lies there, which is compared.
-const HARMLESS: [&str; 2] = ["checkpoint.every", "demonstrations.path"];
+const HARMLESS: [&str; 3] = ["checkpoint.every", "demonstrations.path", "video.every"];
 
 impl Trainer {
     /// Saves `checkpoints/last`; the one before it becomes `checkpoints/previous`.

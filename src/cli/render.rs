@@ -1,0 +1,339 @@
+//! `mamf render`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rand::{RngExt, SeedableRng};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
+
+use super::progress::bar;
+use super::{Misuse, say, tell};
+use crate::demonstration;
+use crate::env::{self, Replay, Spec, Start};
+use crate::parallel::with_threads;
+use crate::random::{Stream, stream};
+use crate::recording::{Recording, Rows};
+use crate::render::{
+    self, Film, Format, LARGEST_SIDE, Painter, Playback, Shot, available, develop,
+};
+use crate::training::{Camera, Checkpoint, Evaluator};
+
+/// Episodes that run between two looks at them, one in each environment.
+const AT_ONCE: usize = 2;
+/// Exit code of a process that an interrupt ended, as shells tell it.
+const STOPPED: u8 = 128 + SIGINT as u8;
+/// Most and least times as fast as the simulation.
+const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+
+/// Arguments of `mamf render`.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("what").required(true))]
+pub struct Args {
+    /// Draw the deterministic policy of a run (its last checkpoint) or checkpoint
+    #[arg(long, value_name = "RUN_OR_CHECKPOINT", group = "what")]
+    checkpoint: Option<PathBuf>,
+    /// Draw this task under the actions of --actions
+    #[arg(long, value_name = "ID", group = "what")]
+    task: Option<String>,
+    /// Draw the states of a recording
+    #[arg(long, value_name = "FILE.npz", group = "what", conflicts_with_all = ["episodes", "seed"])]
+    demonstration: Option<PathBuf>,
+    /// Actions of --task
+    #[arg(long, value_enum, default_value_t = Actions::Zero, conflicts_with_all = ["checkpoint", "demonstration"])]
+    actions: Actions,
+    /// New file: .png, .gif or .mp4 (by ffmpeg), or a directory (ending in / or existing) for frame_00001.png
+    /// and so on
+    #[arg(long, value_name = "FILE|DIR/")]
+    out: PathBuf,
+    /// Episodes, one after the other
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    episodes: u32,
+    /// Seed of the initial states (of `mamf eval`) and of random actions
+    #[arg(
+        long,
+        value_name = "N",
+        allow_negative_numbers = true,
+        default_value_t = 0
+    )]
+    seed: u64,
+    /// Control steps of each episode at most [default: all; none of a .png file, which shows the last state]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    steps: Option<u32>,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
+    size: [usize; 2],
+    /// A picture every N control steps [default: as many as give 30 or fewer a second of playback]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    every: Option<u32>,
+    /// Camera of the task's scene [default: its first one]
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// How many times as fast as the simulated time it is played
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, default_value_t = 1.0, value_parser = speed)]
+    speed: f64,
+}
+
+/// What a task is drawn under.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Actions {
+    /// Zero actions
+    Zero,
+    /// Uniformly random actions
+    Random,
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let format = Format::of(&args.out)?;
+    if format == Format::Png && args.episodes > 1 {
+        let (out, episodes) = (args.out.display(), args.episodes);
+        let text = format!(
+            "--episodes {episodes}: {out} holds one picture; choose a .gif file or a directory"
+        );
+        return Err(Misuse(text).into());
+    }
+    let mut source = Source::open(args)?;
+    available()?;
+    let spec = source.spec();
+    let mut painter = Painter::new(spec, args.size, args.camera.as_deref())?;
+    let every = args.every.map(|every| every as usize);
+    let mut playback = Playback::new(spec.dt, args.speed, every, format.ticks());
+    // Before there is a file to leave behind.
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // In this order: the first signal finds the flag unset and only sets it.
+        flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))?;
+        flag::register(signal, Arc::clone(&stop))?;
+    }
+    let mut encoder = render::create(&args.out, format, args.size, playback.interval())?;
+
+    let limit = match (args.steps, format) {
+        (Some(steps), _) => steps as usize,
+        (None, Format::Png) => 0,
+        (None, _) => usize::MAX,
+    };
+    let progress = bar("pictures");
+    let mut pictures = 0;
+    while let Some(films) = source.films(limit)? {
+        for mut film in films {
+            if format == Format::Png {
+                film.cut_to_last();
+            }
+            progress.inc_length(playback.clone().cuts(film.shots().len()).len() as u64);
+            let go_on = || {
+                pictures += 1;
+                progress.inc(1);
+                !stop.load(Ordering::Relaxed)
+            };
+            if !develop(&film, &mut playback, &mut painter, encoder.as_mut(), go_on)? {
+                progress.finish_and_clear();
+                tell("interrupted; nothing was written");
+                return Ok(ExitCode::from(STOPPED));
+            }
+        }
+    }
+    encoder.finish()?;
+    progress.finish_and_clear();
+    let out = args.out.display();
+    say(&match format {
+        Format::Png => format!("{out}: 1 picture"),
+        Format::Frames => format!("{out}: {pictures} pictures"),
+        Format::Gif | Format::Mp4 => {
+            format!("{out}: {pictures} pictures, {:.2} s", playback.elapsed())
+        }
+    });
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Where episodes come from.
+enum Source {
+    Policy {
+        checkpoint: Box<Checkpoint>,
+        evaluator: Box<Evaluator>,
+        left: usize,
+    },
+    Task {
+        env: Box<dyn Replay>,
+        actions: Actions,
+        starts: Stream,
+        noise: Stream,
+        left: usize,
+    },
+    Recorded {
+        env: Box<dyn Replay>,
+        recording: Option<Box<Recording>>,
+    },
+}
+
+impl Source {
+    fn open(args: &Args) -> anyhow::Result<Source> {
+        let left = args.episodes as usize;
+        // The stream of `mamf eval`, so that both run the same episodes.
+        let starts = stream(args.seed, "eval");
+        if let Some(path) = &args.checkpoint {
+            let checkpoint = Box::new(Checkpoint::load(path)?);
+            let evaluator = Box::new(Evaluator::new(&checkpoint.config, starts)?);
+            return Ok(Source::Policy {
+                checkpoint,
+                evaluator,
+                left,
+            });
+        }
+        if let Some(path) = &args.demonstration {
+            return Source::recorded(path);
+        }
+        // The command line has one of the three.
+        let id = args.task.as_deref().unwrap_or_default();
+        Ok(Source::Task {
+            env: env::make_replay(id)?,
+            actions: args.actions,
+            starts,
+            noise: stream(args.seed, "actions"),
+            left,
+        })
+    }
+
+    fn recorded(path: &Path) -> anyhow::Result<Source> {
+        let recording = Recording::open(path)?;
+        let env = demonstration::task_of(&recording)?;
+        Ok(Source::Recorded {
+            env,
+            recording: Some(Box::new(recording)),
+        })
+    }
+
+    fn spec(&self) -> &Spec {
+        match self {
+            Source::Policy { evaluator, .. } => evaluator.spec(),
+            Source::Task { env, .. } | Source::Recorded { env, .. } => env.spec(),
+        }
+    }
+
+    /// The next episodes, of at most `limit` steps each; `None` when there are no more.
+    fn films(&mut self, limit: usize) -> anyhow::Result<Option<Vec<Film>>> {
+        Ok(match self {
+            Source::Policy {
+                checkpoint,
+                evaluator,
+                left,
+            } => {
+                let count = AT_ONCE.min(*left);
+                *left -= count;
+                if count == 0 {
+                    return Ok(None);
+                }
+                let policy = checkpoint.policy(evaluator.spec())?;
+                let threads = checkpoint.config.compute.threads;
+                let camera = Camera { limit };
+                let seen = with_threads(threads, || {
+                    evaluator.evaluate_watched(&policy, count, &camera)
+                })?;
+                Some(seen.into_iter().map(|(_, film)| film).collect())
+            }
+            Source::Task {
+                env,
+                actions,
+                starts,
+                noise,
+                left,
+            } => {
+                if *left == 0 {
+                    return Ok(None);
+                }
+                *left -= 1;
+                let start = Stream::from_rng(starts);
+                Some(vec![play(env.as_mut(), *actions, start, noise, limit)])
+            }
+            Source::Recorded { env, recording } => recording
+                .take()
+                .map(|recording| recorded(env.as_mut(), &recording, limit)),
+        })
+    }
+}
+
+/// One episode without a policy.
+fn play(
+    env: &mut dyn Replay,
+    actions: Actions,
+    mut start: Stream,
+    noise: &mut Stream,
+    limit: usize,
+) -> Film {
+    let spec = env.spec().clone();
+    let mut observation = vec![0.0; spec.obs_size];
+    let mut action = vec![0.0; spec.action_size];
+    env.reset(&mut start, &mut observation);
+    let mut film = Film::begin(env);
+    while film.shots().len() <= limit {
+        if actions == Actions::Random {
+            let range = -spec.action_limit..=spec.action_limit;
+            action.fill_with(|| noise.random_range(range.clone()));
+        }
+        let step = env.step(&action, &mut observation);
+        film.step(env, &step);
+        if step.terminated || step.truncated {
+            break;
+        }
+    }
+    film
+}
+
+/// The recorded states, an episode wherever the recording begins anew.
+fn recorded(env: &mut dyn Replay, recording: &Recording, limit: usize) -> Vec<Film> {
+    let spec = env.spec().clone();
+    let mut observation = vec![0.0; spec.obs_size];
+    let nothing = vec![0.0; spec.goal_size];
+    let goal = recording.desired_goal.as_ref().unwrap_or(&nothing);
+    let number =
+        |rows: &Option<Rows>, t: usize| rows.as_ref().and_then(|rows| Some(rows.get(t)?[0]));
+    let mut films: Vec<Film> = Vec::new();
+    for t in 0..=recording.steps() {
+        let (Some(qpos), Some(qvel)) = (recording.qpos.get(t), recording.qvel.get(t)) else {
+            continue;
+        };
+        env.start_at(
+            &Start {
+                qpos,
+                qvel,
+                previous_action: None,
+                goal,
+            },
+            &mut observation,
+        );
+        if t == 0 || recording.reset_before(t) {
+            films.push(Film::begin(env));
+            continue;
+        }
+        let Some(film) = films.last_mut() else {
+            continue;
+        };
+        let reward = number(&recording.reward, t - 1);
+        let before = film.shots().last().and_then(|shot| shot.episode_return);
+        film.push(Shot {
+            qpos: env.shown_qpos(),
+            step: film.shots().len(),
+            reward,
+            episode_return: before.zip(reward).map(|(sum, reward)| sum + reward),
+            success: number(&recording.success, t - 1).map(|flag| flag != 0.0),
+        });
+    }
+    films.iter_mut().for_each(|film| film.cut_to(limit));
+    films
+}
+
+/// A width and a height in pixels.
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let sides = text.split_once(['x', 'X']);
+    let sides = sides.and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let right = |sides: &[usize; 2]| sides.iter().all(|side| (1..=LARGEST_SIDE).contains(side));
+    sides.filter(right).ok_or_else(|| {
+        format!("a width and a height from 1 to {LARGEST_SIDE}, for example 640x480")
+    })
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed| SPEEDS.contains(speed));
+    speed.ok_or_else(|| format!("a number from {} to {}", SPEEDS.start(), SPEEDS.end()))
+}

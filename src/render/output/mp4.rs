@@ -1,0 +1,107 @@
+//! MP4 videos, by `ffmpeg`.
+
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use mujoco_rs::render::Picture;
+
+use super::{Encoder, OutputError, failed};
+use crate::new_file::NewFile;
+
+/// A video in the making: pictures go to a running `ffmpeg`.
+pub(super) struct Mp4 {
+    path: PathBuf,
+    /// Dropped before the file, which it writes.
+    ffmpeg: Ffmpeg,
+    file: NewFile,
+}
+
+/// A running `ffmpeg`, ended when it is dropped.
+struct Ffmpeg(Child);
+
+impl Mp4 {
+    /// Begins a video with a picture every `interval` seconds.
+    pub(super) fn create(path: &Path, size: [usize; 2], interval: f64) -> Result<Mp4, OutputError> {
+        let path = path.to_owned();
+        // Colours are stored for two by two pixels.
+        if size.iter().any(|side| side % 2 != 0) {
+            return Err(OutputError::OddSize { path, size });
+        }
+        let file = NewFile::create(path.clone()).map_err(failed(&path))?;
+        let [width, height] = size;
+        let child = Command::new("ffmpeg")
+            .args(["-hide_banner", "-loglevel", "error", "-y"])
+            .args(["-f", "rawvideo", "-pixel_format", "rgb24"])
+            .args(["-video_size", &format!("{width}x{height}")])
+            .args(["-framerate", &format!("{:.6}", 1.0 / interval)])
+            .args(["-i", "pipe:0"])
+            .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart"])
+            .args(["-f", "mp4"])
+            .arg(file.temporary())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn();
+        match child {
+            Ok(child) => Ok(Mp4 {
+                path,
+                ffmpeg: Ffmpeg(child),
+                file,
+            }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Err(OutputError::NoFfmpeg { path })
+            }
+            Err(error) => Err(failed(&path)(error)),
+        }
+    }
+}
+
+impl Encoder for Mp4 {
+    fn push(&mut self, picture: &Picture, _: u32) -> Result<(), OutputError> {
+        let written = match &mut self.ffmpeg.0.stdin {
+            Some(pipe) => pipe.write_all(&picture.rgb),
+            None => Err(io::ErrorKind::BrokenPipe.into()),
+        };
+        match written {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(OutputError::Ffmpeg {
+                path: self.path.clone(),
+                message: self.ffmpeg.end().1,
+            }),
+            written => written.map_err(failed(&self.path)),
+        }
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), OutputError> {
+        match self.ffmpeg.end() {
+            (true, _) => self.file.keep().map_err(failed(&self.path)),
+            (false, message) => Err(OutputError::Ffmpeg {
+                path: self.path,
+                message,
+            }),
+        }
+    }
+}
+
+impl Ffmpeg {
+    /// Waits for the end of the video; whether it was made, and what was said.
+    fn end(&mut self) -> (bool, String) {
+        drop(self.0.stdin.take());
+        let mut text = Vec::new();
+        if let Some(mut errors) = self.0.stderr.take() {
+            let _ = errors.read_to_end(&mut text);
+        }
+        let made = self.0.wait().is_ok_and(|status| status.success());
+        let text = String::from_utf8_lossy(&text);
+        let last = text.trim().lines().last().unwrap_or("it says nothing");
+        (made, last.to_owned())
+    }
+}
+
+impl Drop for Ffmpeg {
+    fn drop(&mut self) {
+        // A video that is finished has ended it already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

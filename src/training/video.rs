@@ -1,0 +1,82 @@
+//! Videos of the policy while it is trained.
+
+use super::{Evaluator, Watch};
+use crate::agent::Policy;
+use crate::config::Config;
+use crate::env::{Replay, Step};
+use crate::random::stream;
+use crate::render::{
+    self, Film, FilmError, Format, OutputError, PaintError, Painter, Playback, RenderError, develop,
+};
+use std::path::Path;
+
+/// Width and height in pixels.
+const SIZE: [usize; 2] = [480, 360];
+
+/// Keeps the states of each episode, to be drawn afterwards.
+#[derive(Debug, Clone, Copy)]
+pub struct Camera {
+    /// Most steps of an episode that are kept.
+    pub limit: usize,
+}
+
+impl Watch for Camera {
+    type Seen = Film;
+
+    fn begin(&self, env: &dyn Replay, _: &[f64]) -> Film {
+        Film::begin(env)
+    }
+
+    fn step(&self, film: &mut Film, env: &dyn Replay, _: &[f64], step: &Step, _: &[f64]) {
+        if film.shots().len() <= self.limit {
+            film.step(env, step);
+        }
+    }
+}
+
+/// Makes sure that the videos which `config` asks for, if any, can be made here.
+///
+/// # Errors
+/// If there is nothing to draw with.
+pub fn check_video(config: &Config) -> Result<(), RenderError> {
+    match config.video.every {
+        0 => Ok(()),
+        _ => render::available().map(|_| ()),
+    }
+}
+
+/// Records an episode of `policy` as `videos/step_<step>.gif` in the run directory, unless it is there
+/// already: a resumed run repeats what it made before. The episode begins in the same state at every
+/// step, in an environment and from a stream of its own.
+///
+/// # Errors
+/// If it cannot be simulated, drawn or written.
+pub(super) fn record(
+    config: &Config,
+    directory: &Path,
+    step: u64,
+    policy: &Policy,
+) -> Result<(), FilmError> {
+    let videos = directory.join("videos");
+    let path = videos.join(format!("step_{step:09}.gif"));
+    if path.exists() {
+        return Ok(());
+    }
+    std::fs::create_dir_all(&videos).map_err(|source| OutputError::Io {
+        path: videos,
+        source,
+    })?;
+    let evaluator = Evaluator::new(config, stream(config.seed, "video"));
+    let mut evaluator = evaluator.map_err(PaintError::Task)?;
+    let camera = Camera { limit: usize::MAX };
+    let films = evaluator.evaluate_watched(policy, 1, &camera);
+
+    let spec = evaluator.spec();
+    let mut painter = Painter::new(spec, SIZE, None)?;
+    let mut playback = Playback::new(spec.dt, 1.0, None, Format::Gif.ticks());
+    let mut encoder = render::create(&path, Format::Gif, SIZE, playback.interval())?;
+    for (_, film) in &films {
+        develop(film, &mut playback, &mut painter, encoder.as_mut(), || true)?;
+    }
+    Ok(encoder.finish()?)
+}
