@@ -423,7 +423,8 @@ impl Point {
                 .map(|v| v.unwrap_or_else(|| "unset".into()));
             differences.push(format!("{}: {then} then, {now} now", difference.key));
         }
-        if !differences.is_empty() && !(force && harmless) {
+        let accepted = differences.is_empty() || (force && harmless);
+        if !accepted {
             return Err(TrainError::Changed {
                 path: directory.path().to_owned(),
                 differences,

@@ -20,16 +20,18 @@ impl Monitor for Notes {
     }
 }
 
+/// Every number of the observation, the reward, and whether the simulation blew up, of step number n.
+type Script = fn(u32) -> (f64, f64, bool);
+
 /// A simulation that says what it is told to.
 struct Scripted {
     spec: Spec,
-    /// Every number of the observation, the reward, and whether the simulation blew up, of step number n.
-    script: fn(u32) -> (f64, f64, bool),
+    script: Script,
     steps: u32,
 }
 
 impl Scripted {
-    fn put_into(trainer: &mut Trainer, script: fn(u32) -> (f64, f64, bool)) {
+    fn put_into(trainer: &mut Trainer, script: Script) {
         let spec = trainer.experience.spec().clone();
         trainer.experience.main.env = Box::new(Scripted {
             spec,
@@ -214,7 +216,7 @@ fn a_moment_past_single_precision_stops_the_run_at_once() {
 
 #[test]
 fn a_number_past_single_precision_stops_the_run_and_is_named() {
-    let scripts: [(fn(u32) -> (f64, f64, bool), &str); 2] = [
+    let scripts: [(Script, &str); 2] = [
         (|_| (0.5, 1e39, false), "the reward is not finite"),
         (|_| (1e39, 1.0, false), "the next observation is not finite"),
     ];
