@@ -212,6 +212,11 @@ fn what_cannot_be_resumed_is_refused() {
         assert!(config.contains(from), "{from}");
         place.write("run/config.toml", config.replacen(from, to, 1));
     };
+    change("Reacher-v4", "Hopper-v4");
+    let task = ["task: \"Reacher-v4\" then, \"Hopper-v4\" now"];
+    place.refuse(2, &longer, &task);
+    change("capacity = 1000000", "capacity = 100");
+    place.refuse(2, &longer, &["replay.capacity: 1000000 then, 100 now"]);
     change("discount = 0.98", "discount = 0.97");
     let parts = [
         "run: something has changed",

@@ -1,5 +1,6 @@
 //! `mamf sweep`, end to end.
 
+#[allow(dead_code)]
 mod common;
 
 use common::{Place, SMALL, config, messages, stderr};

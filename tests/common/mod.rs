@@ -1,7 +1,5 @@
 //! What the end-to-end tests share: a place to work in, small runs, refused commands.
 
-#![allow(dead_code, reason = "each test uses a part of it")]
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -9,7 +9,7 @@ use crate::env::Spec;
 use crate::files::FileError;
 use crate::nn::{Memory, ObservationScaling, RunningMoments, WeightError, Weights};
 use crate::random::Stream;
-use crate::replay::{Demonstrations, ReplayBuffer, ReplayLog, ReplayLogError};
+use crate::replay::{Demonstrations, Logged, ReplayBuffer, ReplayLog, ReplayLogError};
 use crate::training::checkpoint::{self, CheckpointError, WEIGHTS, damaged};
 use crate::training::curves::{Curves, Interval};
 use crate::training::experience::ExperienceState;
@@ -205,7 +205,8 @@ impl Trainer {
             return Ok(Resumed::Finished(step));
         }
         monitor.memory(&memory);
-        let read = |path: &Path| Point::read(path, &directory, &config, &spec);
+        let force = options.force;
+        let read = |path: &Path| Point::read(path, &directory, &config, &spec, force);
         let (point, damage) = match (read(newest), found.get(1)) {
             (Ok(point), _) => (point, None),
             (Err(error), Some(older)) if error.is_damage() => match read(older) {
@@ -220,7 +221,9 @@ impl Trainer {
             },
             (Err(error), _) => return Err(error),
         };
-        point.compare(&directory, &config, options.force, monitor)?;
+        if let Some(note) = point.manifest.build.other_processor(&Build::here()) {
+            monitor.note(&note);
+        }
         let set = demonstrations(&config)?;
         let (step, sealed) = (point.manifest.step, point.manifest.curves.clone());
         let mut trainer = point.assemble(config, set, directory)?;
@@ -246,8 +249,7 @@ impl Trainer {
         sealed: &BTreeMap<String, Seal>,
     ) -> Result<(), TrainError> {
         let files = self.directory.files();
-        let previous = checkpoint::read_manifest(&self.directory.checkpoint("previous"));
-        if let Some(older) = previous.ok().and_then(|manifest| manifest.replay) {
+        if let Some(older) = logged(&self.directory, "previous") {
             self.log.keep(&older);
         }
         self.log.trim(files, self.replay.width())?;
@@ -302,19 +304,21 @@ fn finished(path: &Path, config: &Config) -> Option<u64> {
     (checkpoint.step == config.steps).then_some(checkpoint.step)
 }
 
+/// What the checkpoint called `name` says of the replay buffer, if it is there and says so.
+fn logged(directory: &RunDirectory, name: &str) -> Option<Logged> {
+    let manifest = checkpoint::read_manifest(&directory.checkpoint(name));
+    manifest.ok()?.replay
+}
+
 /// Removes what a crash left behind after the last checkpoint of a run stood.
 fn tidy_up(directory: &RunDirectory, spec: &Spec) -> Result<(), FileError> {
     let files = directory.files();
     checkpoint::recover(files, &directory.checkpoints())?;
-    let logged = |name: &str| {
-        let manifest = checkpoint::read_manifest(&directory.checkpoint(name));
-        manifest.ok().and_then(|manifest| manifest.replay)
-    };
-    let Some(last) = logged("last") else {
+    let Some(last) = logged(directory, "last") else {
         return Ok(());
     };
     let mut log = ReplayLog::of(&directory.replay(), &last);
-    if let Some(older) = logged("previous") {
+    if let Some(older) = logged(directory, "previous") {
         log.keep(&older);
     }
     log.trim(
@@ -338,6 +342,40 @@ fn manifest(step: u64, contents: &checkpoint::Contents) -> Manifest {
     Manifest::new(step, files)
 }
 
+/// Refuses to go on from a checkpoint of `then` that `build` wrote where something has changed that the run depends
+/// on.
+fn compare(
+    build: &Build,
+    then: &Config,
+    now: &Config,
+    directory: &RunDirectory,
+    force: bool,
+) -> Result<(), TrainError> {
+    let mut differences = build.differences(&Build::here());
+    let mut harmless = true;
+    for difference in then.differences(now) {
+        if FREE.contains(&difference.key.as_str()) {
+            continue;
+        }
+        // Without demonstrations on one side there is nothing to compare.
+        let set = |value: &Option<String>| value.as_ref().is_some_and(|v| v != "\"\"");
+        let both = difference.values.iter().all(set);
+        harmless &= HARMLESS.contains(&difference.key.as_str()) && both;
+        let [then, now] = difference
+            .values
+            .map(|value| value.unwrap_or_else(|| "unset".into()));
+        differences.push(format!("{}: {then} then, {now} now", difference.key));
+    }
+    if differences.is_empty() || (force && harmless) {
+        return Ok(());
+    }
+    Err(TrainError::Changed {
+        path: directory.path().to_owned(),
+        differences,
+        harmless,
+    })
+}
+
 /// A checkpoint that was read and found good.
 struct Point {
     checkpoint: Checkpoint,
@@ -349,12 +387,14 @@ struct Point {
 }
 
 impl Point {
-    /// Reads the checkpoint at `path` and all that it refers to.
+    /// Reads the checkpoint at `path` and all that it refers to, for a run of `config`, which must be that of the
+    /// checkpoint as far as anything depends on it.
     fn read(
         path: &Path,
         directory: &RunDirectory,
         config: &Config,
         spec: &Spec,
+        force: bool,
     ) -> Result<Point, TrainError> {
         let manifest = checkpoint::read_manifest(path)?;
         let checkpoint = Checkpoint::load(path)?;
@@ -364,6 +404,13 @@ impl Point {
                 asked: config.steps,
             });
         }
+        compare(
+            &manifest.build,
+            &checkpoint.config,
+            config,
+            directory,
+            force,
+        )?;
         let Some(logged) = &manifest.replay else {
             return Err(TrainError::NotResumable(directory.path().to_owned()));
         };
@@ -397,44 +444,6 @@ impl Point {
             replay,
             log,
         })
-    }
-
-    /// Refuses to go on where something has changed that the run depends on.
-    fn compare(
-        &self,
-        directory: &RunDirectory,
-        config: &Config,
-        force: bool,
-        monitor: &mut dyn Monitor,
-    ) -> Result<(), TrainError> {
-        let here = Build::here();
-        let mut differences = self.manifest.build.differences(&here);
-        let mut harmless = true;
-        for difference in self.checkpoint.config.differences(config) {
-            if FREE.contains(&difference.key.as_str()) {
-                continue;
-            }
-            // Without demonstrations on one side there is nothing to compare.
-            let set = |value: &Option<String>| value.as_ref().is_some_and(|v| v != "\"\"");
-            let both = difference.values.iter().all(set);
-            harmless &= HARMLESS.contains(&difference.key.as_str()) && both;
-            let [then, now] = difference
-                .values
-                .map(|v| v.unwrap_or_else(|| "unset".into()));
-            differences.push(format!("{}: {then} then, {now} now", difference.key));
-        }
-        let accepted = differences.is_empty() || (force && harmless);
-        if !accepted {
-            return Err(TrainError::Changed {
-                path: directory.path().to_owned(),
-                differences,
-                harmless,
-            });
-        }
-        if let Some(note) = self.manifest.build.other_processor(&here) {
-            monitor.note(&note);
-        }
-        Ok(())
     }
 
     /// The run, at the step where it was saved. Nothing is written.
@@ -503,5 +512,5 @@ pub(super) fn is_sound(
     config: &Config,
     spec: &Spec,
 ) -> Result<(), TrainError> {
-    Point::read(path, directory, config, spec).map(|_| ())
+    Point::read(path, directory, config, spec, false).map(|_| ())
 }
