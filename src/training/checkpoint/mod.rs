@@ -131,7 +131,8 @@ impl Checkpoint {
             let loaded = Checkpoint::load_once(path);
             let after = manifest();
             // Files of two checkpoints do not fit together: a run has put a new one in place.
-            if loaded.is_ok() || (before == after && before.is_some()) {
+            let settled = before.is_some() || newest(path) == path;
+            if loaded.is_ok() || (before == after && settled) {
                 return loaded;
             }
             std::thread::sleep(PAUSE);
