@@ -47,4 +47,4 @@ export -f one
 [ $# -gt 0 ] || set -- 0
 # One thread a run and one run a core: more steps a second in all than two threads a run.
 runs "$@" | xargs -P "$(nproc)" -d '\n' -I{} bash -c 'one "{}"'
-python3 scripts/plot.py results --out results/curves.png
+python3 scripts/plot.py results/*-v* --out results/curves.png

@@ -33,7 +33,7 @@ const INTERRUPTED: u8 = 75;
 #[command(name = "mamf", version, about, max_term_width = 100)]
 #[command(
     after_help = "Exit codes: 0 done; 1 failed at run time, or verification past tolerance; \
-    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved: resumable."
+    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved: resumable; 130 ended by an interrupt."
 )]
 pub struct Cli {
     #[command(subcommand)]

@@ -115,7 +115,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         (None, _) => usize::MAX,
     };
     let progress = bar("pictures");
-    let mut pictures = 0;
+    let mut pictures = 0u64;
     while let Some(films) = source.films(limit)? {
         for mut film in films {
             if format == Format::Png {
@@ -139,12 +139,22 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let out = args.out.display();
     say(&match format {
         Format::Png => format!("{out}: 1 picture"),
-        Format::Frames => format!("{out}: {pictures} pictures"),
-        Format::Gif | Format::Mp4 => {
-            format!("{out}: {pictures} pictures, {:.2} s", playback.elapsed())
+        Format::Frames => format!("{out}: {}", counted(pictures)),
+        Format::Gif => format!("{out}: {}, {:.2} s", counted(pictures), playback.elapsed()),
+        Format::Mp4 => {
+            // All of its pictures stand equally long.
+            let seconds = pictures as f64 * playback.interval();
+            format!("{out}: {}, {seconds:.2} s", counted(pictures))
         }
     });
     Ok(ExitCode::SUCCESS)
+}
+
+fn counted(pictures: u64) -> String {
+    match pictures {
+        1 => "1 picture".to_owned(),
+        n => format!("{n} pictures"),
+    }
 }
 
 /// Where episodes come from.

@@ -67,7 +67,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let trainer = match (&args.resume, &args.config) {
         (Some(path), _) => match resume(path, overrides, args.force, &mut progress)? {
             Resumed::Run(trainer) => {
-                training::check_video(trainer.config())?;
+                // A run that began with videos is worth going on without.
+                if let Err(error) = training::check_video(trainer.config()) {
+                    tell(&format!("note: no videos: {error}"));
+                }
                 *trainer
             }
             Resumed::Finished(steps) => {

@@ -200,7 +200,7 @@ impl RunDirectory {
         let entries = std::fs::read_dir(&videos).into_iter().flatten().flatten();
         let ours = |path: &PathBuf| {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            name.starts_with("step_") && name.ends_with(".gif")
+            name.starts_with("step_") && (name.ends_with(".gif") || name.ends_with(".tmp"))
         };
         for path in entries.map(|entry| entry.path()).filter(ours) {
             self.files.remove(&path)?;

@@ -9,6 +9,7 @@ use crate::render::{
     self, Film, FilmError, Format, OutputError, PaintError, Painter, Playback, RenderError, develop,
 };
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Width and height in pixels.
 const SIZE: [usize; 2] = [480, 360];
@@ -47,7 +48,7 @@ pub fn check_video(config: &Config) -> Result<(), RenderError> {
 
 /// Records an episode of `policy` as `videos/step_<step>.gif` in the run directory, unless it is there
 /// already: a resumed run repeats what it made before. The episode begins in the same state at every
-/// step, in an environment and from a stream of its own.
+/// step, in an environment and from a stream of its own. When `stop` becomes true, none is made.
 ///
 /// # Errors
 /// If it cannot be simulated, drawn or written.
@@ -56,16 +57,18 @@ pub(super) fn record(
     directory: &Path,
     step: u64,
     policy: &Policy,
+    stop: &AtomicBool,
 ) -> Result<(), FilmError> {
     let videos = directory.join("videos");
     let path = videos.join(format!("step_{step:09}.gif"));
     if path.exists() {
         return Ok(());
     }
-    std::fs::create_dir_all(&videos).map_err(|source| OutputError::Io {
-        path: videos,
-        source,
+    std::fs::create_dir_all(&videos).map_err(|error| OutputError::Io {
+        path: videos.clone(),
+        error,
     })?;
+    remove_leftovers(&videos);
     let evaluator = Evaluator::new(config, stream(config.seed, "video"));
     let mut evaluator = evaluator.map_err(PaintError::Task)?;
     let camera = Camera { limit: usize::MAX };
@@ -76,7 +79,22 @@ pub(super) fn record(
     let mut playback = Playback::new(spec.dt, 1.0, None, Format::Gif.ticks());
     let mut encoder = render::create(&path, Format::Gif, SIZE, playback.interval())?;
     for (_, film) in &films {
-        develop(film, &mut playback, &mut painter, encoder.as_mut(), || true)?;
+        let go_on = || !stop.load(Ordering::Relaxed);
+        if !develop(film, &mut playback, &mut painter, encoder.as_mut(), go_on)? {
+            return Ok(());
+        }
     }
     Ok(encoder.finish()?)
+}
+
+/// Removes the beginnings of videos that a killed process left: one process at a time works on a run.
+fn remove_leftovers(videos: &Path) {
+    let entries = std::fs::read_dir(videos).into_iter().flatten().flatten();
+    for path in entries.map(|entry| entry.path()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with("step_") && name.ends_with(".tmp") {
+            // One that stays is named when it is in the way.
+            let _ = std::fs::remove_file(&path);
+        }
+    }
 }

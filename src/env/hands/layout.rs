@@ -129,7 +129,7 @@ pub static SPIN: Layout = Layout {
     mounts: &[mount([1.0, 1.25, 0.15], PALM_UP_1)],
     moving: false,
     floor: -0.2,
-    view: view([1.0, 0.88, 0.18], 0.5, 45.0),
+    view: view([1.0, 0.845, 0.18], 0.36, 45.0),
     places: &[place([1.0, 0.87, 0.2], [1.0, 0.87, 0.2])],
     turned_targets: true,
     beginning: Beginning::Settled,

@@ -8,7 +8,7 @@ use gif::{DisposalMethod, EncodingError, Frame, Repeat};
 use mujoco_rs::render::Picture;
 
 use super::palette::{COLOURS, Palette};
-use super::{Encoder, OutputError, failed};
+use super::{Encoder, Format, OutputError, failed};
 use crate::new_file::NewFile;
 
 /// The index of pixels that stay as they are, after those of the palette.
@@ -107,6 +107,10 @@ impl Gif {
 
 impl Encoder for Gif {
     fn push(&mut self, picture: &Picture, ticks: u32) -> Result<(), OutputError> {
+        let delay = u16::try_from(ticks).map_err(|_| OutputError::TooSlow {
+            path: self.path.clone(),
+            seconds: f64::from(ticks) * Format::Gif.ticks().seconds,
+        })?;
         let (indices, fresh) = self.indices(picture);
         let [width, height] = self.size;
         let all = Changed {
@@ -130,7 +134,7 @@ impl Encoder for Gif {
             .map_or(&[][..], Palette::bytes)
             .to_vec();
         let frame = Frame {
-            delay: u16::try_from(ticks).unwrap_or(u16::MAX),
+            delay,
             dispose: DisposalMethod::Keep,
             transparent: Some(UNCHANGED),
             left: side(part.left),

@@ -69,12 +69,24 @@ pub enum OutputError {
         message: String,
     },
     /// A file cannot be written.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error("{}: cannot be written: {error}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
-        source: io::Error,
+        /// What the system says; part of the message, and hence no source of it.
+        error: io::Error,
+    },
+    /// A picture of a GIF is to stand for longer than the format can say.
+    #[error(
+        "{}: a picture would stand for {seconds:.0} s, but in a GIF it can for 655 s at most; take more of them \
+         (--every), or play them faster (--speed)",
+        path.display()
+    )]
+    TooSlow {
+        /// The file.
+        path: PathBuf,
+        /// Seconds that it is to stand.
+        seconds: f64,
     },
 }
 
@@ -152,9 +164,9 @@ pub fn create(
 /// What the system says of the file `path`.
 fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
     let path = path.to_owned();
-    move |source| match source.kind() {
+    move |error| match error.kind() {
         io::ErrorKind::AlreadyExists => OutputError::Exists { path },
-        _ => OutputError::Io { path, source },
+        _ => OutputError::Io { path, error },
     }
 }
 

@@ -52,7 +52,10 @@ impl Mp4 {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(OutputError::NoFfmpeg { path })
             }
-            Err(error) => Err(failed(&path)(error)),
+            Err(error) => Err(OutputError::Ffmpeg {
+                path,
+                message: format!("it can't be started: {error}; write a .gif file instead"),
+            }),
         }
     }
 }

@@ -145,7 +145,7 @@ impl Trainer {
         let mut policy = self.agent.policy(&self.scaling);
         if self.step == 0 {
             self.evaluate()?;
-            self.record_video(monitor);
+            self.record_video(monitor, stop);
             self.experience.reset(&mut self.moments);
         }
         while self.step < steps {
@@ -182,7 +182,7 @@ impl Trainer {
 
             if step.is_multiple_of(self.config.evaluation.every) {
                 self.evaluate()?;
-                self.record_video(monitor);
+                self.record_video(monitor, stop);
             }
             let stopped = stop.load(Ordering::Relaxed) && step < steps;
             if stopped || step == steps || step.is_multiple_of(self.config.checkpoint.every) {
@@ -394,14 +394,15 @@ impl Trainer {
 
     /// Records a video where one is due. That takes none of the run's time, and one that can't be made
     /// ends no run.
-    fn record_video(&mut self, monitor: &mut dyn Monitor) {
+    fn record_video(&mut self, monitor: &mut dyn Monitor, stop: &AtomicBool) {
         let (step, every) = (self.step, self.config.video.every);
         if every == 0 || !step.is_multiple_of(every) {
             return;
         }
         let started = Instant::now();
         let policy = self.agent.policy(&self.scaling);
-        if let Err(error) = video::record(&self.config, self.directory.path(), step, &policy) {
+        let directory = self.directory.path();
+        if let Err(error) = video::record(&self.config, directory, step, &policy, stop) {
             monitor.note(&format!("step {step}: no video: {error}"));
         }
         self.clock.leave_out(started.elapsed());

@@ -63,7 +63,7 @@ fn find() -> Result<Platform, RenderError> {
         }),
         "egl" => egl().map_err(|reason| RenderError::Forced {
             name: "egl",
-            package: "libegl1",
+            package: "libegl1` and a driver for it, such as `libegl-mesa0",
             reason,
         }),
         "osmesa" => osmesa().map_err(|reason| RenderError::Forced {
