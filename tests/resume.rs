@@ -376,6 +376,19 @@ fn each_signal_saves_a_run_that_goes_on_as_if_nothing_had_been() {
     assert!(messages(&output).contains("not resumed"), "{output:?}");
 }
 
+/// A run that does little else than save.
+fn saving(place: &Place, run: &str) -> Child {
+    let settings = [
+        "steps=100000000",
+        "replay.capacity=500",
+        "checkpoint.every=1",
+    ];
+    let child = begin(place, &small_run("hopper", run, &settings));
+    let previous = format!("{run}/checkpoints/previous/manifest.json");
+    wait_for(|| place.path(&previous).exists());
+    child
+}
+
 /// A run that is busy with its first evaluation for hours.
 fn evaluating(place: &Place, run: &str) -> Child {
     let child = begin(
@@ -412,7 +425,7 @@ fn a_second_interrupt_ends_a_run_at_once_and_harms_nothing() {
 
     // In the middle of saving, again and again.
     for _ in 0..5 {
-        let child = endless(&place, "often", &["checkpoint.every=5"]);
+        let child = saving(&place, "often");
         let twice = format!("kill -INT {0}; kill -INT {0}", child.id());
         Command::new("sh").args(["-c", &twice]).output().unwrap();
         let output = child.wait_with_output().unwrap();
