@@ -470,11 +470,7 @@ fn a_signal_that_comes_before_the_first_step_is_heard() {
 #[test]
 fn a_run_can_be_evaluated_while_it_saves() {
     let place = Place::new();
-    let mut child = endless(
-        &place,
-        "run",
-        &["checkpoint.every=1", "evaluation.every=100000"],
-    );
+    let mut child = saving(&place, "run");
     for _ in 0..40 {
         place.succeed(&["eval", "--checkpoint", "run", "--episodes", "1"]);
     }
