@@ -38,7 +38,8 @@ for round in $(seq "$rounds"); do
     case $((RANDOM % 6)) in 0) signal=TERM ;; 1) signal=INT ;; 2) signal=USR1 ;; *) signal=KILL ;; esac
     if kill -0 "$child" 2>/dev/null && kill -"$signal" "$child" 2>/dev/null; then kills=$((kills + 1)); fi
     code=0
-    wait "$child" || code=$?
+    # The shell would tell of each killed process.
+    { wait "$child"; } 2>/dev/null || code=$?
     case $code in
       0) break ;;
       75 | 130 | 137 | 138 | 143) ;; # saved at a signal, or killed, or by a signal before it could be heard
