@@ -163,6 +163,14 @@ pub struct Difference {
     pub values: [Option<String>; 2],
 }
 
+impl Difference {
+    /// Whether no result depends on the setting, and what a run stores does not either: it may change between two
+    /// parts of a run without a word.
+    pub fn is_free(&self) -> bool {
+        ["steps", "compute.threads"].contains(&self.key.as_str())
+    }
+}
+
 impl Config {
     /// As the text that [`read_resolved`](super::read_resolved) reads.
     pub fn to_toml(&self) -> String {

@@ -39,10 +39,8 @@ impl Standing {
             Ok(found) => found,
             Err(error) => return Standing::InTheWay(error.to_string()),
         };
-        // Neither results nor what is there depend on them.
-        let free = |key: &str| ["steps", "compute.threads"].contains(&key);
         let differences = found.differences(planned);
-        if let Some(difference) = differences.iter().find(|d| !free(&d.key)) {
+        if let Some(difference) = differences.iter().find(|d| !d.is_free()) {
             let [found, planned] = difference.values.each_ref().map(|value| {
                 let unset = || "unset".to_owned();
                 value.clone().unwrap_or_else(unset)

@@ -64,8 +64,6 @@ pub enum Resumed {
     Finished(u64),
 }
 
-/// Settings on which no result depends, and which may be changed without a word.
-const FREE: [&str; 2] = ["steps", "compute.threads"];
 /// Settings that may be changed with `--force`: no result depends on them, or, of the demonstrations, only
 /// on what lies there, which is compared.
 const HARMLESS: [&str; 3] = ["checkpoint.every", "demonstrations.path", "video.every"];
@@ -354,7 +352,7 @@ fn compare(
     let mut differences = build.differences(&Build::here());
     let mut harmless = true;
     for difference in then.differences(now) {
-        if FREE.contains(&difference.key.as_str()) {
+        if difference.is_free() {
             continue;
         }
         // Without demonstrations on one side there is nothing to compare.
