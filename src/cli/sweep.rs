@@ -39,6 +39,9 @@ pub struct Args {
     /// List the runs and what became of them, and make none
     #[arg(long)]
     dry_run: bool,
+    /// Only the runs whose name matches, for example 'hopper/*/seed-0'
+    #[arg(long, value_name = "PATTERN", conflicts_with = "task_index")]
+    only: Option<glob::Pattern>,
     /// Make only the run of this number in the list, which begins with 0
     #[arg(long, value_name = "K")]
     task_index: Option<usize>,
@@ -54,21 +57,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let sweep = Sweep::read(&args.file, &changes)?;
     let default = || PathBuf::from("runs").join(&sweep.name);
     let out = args.out.clone().unwrap_or_else(default);
-    let runs = match args.task_index {
-        None => sweep.runs.as_slice(),
-        Some(index) => {
-            let count = sweep.runs.len();
-            let one = sweep.runs.get(index..=index);
-            one.ok_or_else(|| {
-                Misuse(format!(
-                    "--task-index {index}: there are {count} runs, 0 to {}",
-                    count - 1
-                ))
-            })?
-        }
-    };
+    let runs = args.chosen(sweep.runs)?;
     if args.dry_run {
-        list(runs, &out)?;
+        list(&runs, &out)?;
         return Ok(ExitCode::SUCCESS);
     }
 
@@ -86,22 +77,48 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         flag::register(signal, Arc::clone(&stop))?;
     }
     let mut table = Table::new(runs.len());
-    let outcomes = sweep::run(&plan, runs, &mut table, &stop);
+    let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
     conclude(&outcomes, &plan)
+}
+
+impl Args {
+    /// Those of `runs` that are to be made.
+    fn chosen(&self, mut runs: Vec<PlannedRun>) -> anyhow::Result<Vec<PlannedRun>> {
+        let count = runs.len();
+        if let Some(index) = self.task_index {
+            runs.retain(|run| run.index == index);
+            if runs.is_empty() {
+                let last = count - 1;
+                let reason = format!("--task-index {index}: there are {count} runs, 0 to {last}");
+                return Err(Misuse(reason).into());
+            }
+        }
+        if let Some(pattern) = &self.only {
+            let example = runs[0].name.clone();
+            runs.retain(|run| pattern.matches(&run.name));
+            if runs.is_empty() {
+                let reason = format!(
+                    "--only {pattern}: no run has such a name; the first of {count} is {example}"
+                );
+                return Err(Misuse(reason).into());
+            }
+        }
+        Ok(runs)
+    }
 }
 
 fn list(runs: &[PlannedRun], out: &std::path::Path) -> std::io::Result<()> {
     let mut stdout = std::io::stdout().lock();
     let width = runs.iter().map(|run| run.name.len()).max().unwrap_or(0);
-    for (index, run) in runs.iter().enumerate() {
+    for run in runs {
         let standing = match Standing::of(&out.join(&run.name), &run.config) {
             Standing::Absent => "to be begun".to_owned(),
             Standing::Interrupted(step) => format!("to go on from step {step}"),
             Standing::Finished => "finished".to_owned(),
             Standing::InTheWay(reason) => reason,
         };
-        let (name, steps) = (&run.name, run.config.steps);
+        let (index, name, steps) = (run.index, &run.name, run.config.steps);
         writeln!(
             stdout,
             "{index:>4}  {name:width$}  {steps:>9} steps  {standing}"

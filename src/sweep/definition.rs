@@ -84,6 +84,8 @@ pub struct Sweep {
 /// One run of an experiment.
 #[derive(Debug, Clone)]
 pub struct PlannedRun {
+    /// Its place among all runs of the experiment, from 0.
+    pub index: usize,
     /// `<configuration>/<variant>/seed-<n>`; also where it goes, below the folder of the experiment.
     pub name: String,
     /// File of its configuration.
@@ -149,6 +151,7 @@ impl Sweep {
                     let run = format!("{config}/{variant}/seed-{seed}");
                     let resolved = resolve(file_of_config, &settings, seed);
                     sweep.runs.push(PlannedRun {
+                        index: sweep.runs.len(),
                         config: resolved.map_err(|error| SweepError::Run {
                             path: path.to_owned(),
                             run: run.clone(),

@@ -3,6 +3,7 @@
 use super::{PlannedRun, Progress, Standing};
 use std::fs::{self, File, OpenOptions};
 use std::io;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -133,7 +134,8 @@ fn begin<'a>(
     let directory = plan.out.join(&run.name);
     let log = crate::files::beside(&directory, "log");
     let mut command = Command::new(&plan.program);
-    command.arg("train");
+    // Its name alone: what a run records of its command is then the same wherever the program lies.
+    command.arg0("mamf").arg("train");
     let step = match Standing::of(&directory, &run.config) {
         Standing::Finished => return Err(Ended::Finished),
         Standing::InTheWay(reason) => return Err(Ended::Failed(reason)),
