@@ -2,6 +2,7 @@
 
 pub mod agent;
 pub mod cli;
+pub mod comparison;
 pub mod config;
 pub mod demonstration;
 pub mod env;

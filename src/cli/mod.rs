@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod compare;
 mod demo;
 mod envs;
 mod eval;
@@ -9,6 +10,7 @@ mod sweep;
 mod train;
 mod verify;
 
+use crate::comparison::ComparisonError;
 use crate::config::ConfigError;
 use crate::env::{MakeError, UnknownTask};
 use crate::render::{OutputError, PaintError, RenderError};
@@ -32,7 +34,7 @@ const INTERRUPTED: u8 = 75;
 #[derive(Debug, Parser)]
 #[command(name = "mamf", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Exit codes: 0 done; 1 failed at run time, or verification past tolerance; \
+    after_help = "Exit codes: 0 done; 1 failed at run time, verification past tolerance, or --at-least not met; \
     2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved: resumable; 130 ended by an interrupt."
 )]
 pub struct Cli {
@@ -46,6 +48,8 @@ enum Command {
     Train(train::Args),
     /// Make all runs of an experiment: configurations, variants and seeds of one file
     Sweep(sweep::Args),
+    /// Compare two methods: runs paired by task and seed, differences with intervals
+    Compare(compare::Args),
     /// Evaluate the policy of a checkpoint
     Eval(eval::Args),
     /// Draw pictures and videos of a policy, a task or a recording
@@ -67,6 +71,7 @@ impl Cli {
         match self.command {
             Command::Train(args) => train::run(&args),
             Command::Sweep(args) => sweep::run(&args),
+            Command::Compare(args) => compare::run(&args),
             Command::Eval(args) => eval::run(&args),
             Command::Render(args) => render::run(&args),
             Command::Envs(args) => envs::run(&args),
@@ -132,6 +137,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.downcast_ref().is_some_and(is_misuse_of_output)
             || matches!(cause.downcast_ref(), Some(PaintError::Camera { .. }))
             || cause.is::<SweepError>()
+            || cause.is::<ComparisonError>()
             || cause
                 .downcast_ref::<RunDirectoryError>()
                 .is_some_and(is_misuse_of_directory)

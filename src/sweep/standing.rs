@@ -1,6 +1,7 @@
 //! What became of a run so far, as its directory tells.
 
 use crate::config::{self, Config, Overrides};
+use crate::training::last_row;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -85,14 +86,6 @@ impl Progress {
             steps_per_second: number(&timing, 2),
         }
     }
-}
-
-/// The last row of a curve that is whole.
-fn last_row(path: &Path) -> Option<Vec<String>> {
-    let text = std::fs::read_to_string(path).ok()?;
-    let whole = &text[..text.rfind('\n')?];
-    let row = whole.lines().skip(1).last()?;
-    Some(row.split(',').map(str::to_owned).collect())
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 
 use super::manifest::Seal;
 use super::telemetry::ImaginedErrors;
-use super::{DiskError, Evaluation};
+use super::{DiskError, Evaluation, provenance};
 use crate::agent::Figures;
 use crate::files::{FileError, Files};
 use serde::{Deserialize, Serialize};
@@ -13,18 +13,38 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-/// One row of `eval.csv`.
-#[derive(Debug, Serialize)]
-pub(super) struct EvalRow {
-    step: u64,
-    episodes: usize,
-    return_mean: f64,
-    return_std: f64,
-    return_min: f64,
-    return_max: f64,
-    length_mean: f64,
-    success_rate: Option<f64>,
+/// One row of `eval.csv`: the episodes of one evaluation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EvalRow {
+    /// Environment steps taken before it.
+    pub step: u64,
+    /// How many episodes.
+    pub episodes: usize,
+    /// Mean of their returns.
+    pub return_mean: f64,
+    /// Standard deviation of their returns.
+    pub return_std: f64,
+    /// Lowest return.
+    pub return_min: f64,
+    /// Highest return.
+    pub return_max: f64,
+    /// Mean length in steps.
+    pub length_mean: f64,
+    /// Fraction of them that ended in success, where the task knows success.
+    pub success_rate: Option<f64>,
 }
+
+/// The columns of `eval.csv`.
+const EVAL_COLUMNS: [&str; 8] = [
+    "step",
+    "episodes",
+    "return_mean",
+    "return_std",
+    "return_min",
+    "return_max",
+    "length_mean",
+    "success_rate",
+];
 
 impl EvalRow {
     pub(super) fn new(step: u64, evaluation: &Evaluation) -> EvalRow {
@@ -39,6 +59,129 @@ impl EvalRow {
             success_rate: evaluation.success_rate(),
         }
     }
+}
+
+/// Why a curve can't be read. Every message names the file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CurveError {
+    /// The system does not give it.
+    #[error("{}: can't read the curve: {error}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// No row is in it.
+    #[error("{}: there is no evaluation in it; the run has only begun, or the file was cut short", .0.display())]
+    Empty(PathBuf),
+    /// Its columns are others.
+    #[error(
+        "{}: its columns are {found}, those of eval.csv are {}; it is another file, or another version wrote it (mamf {} by run.json, this is mamf {})",
+        path.display(), EVAL_COLUMNS.join(","), version.as_deref().unwrap_or("?"), env!("CARGO_PKG_VERSION")
+    )]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// Its header.
+        found: String,
+        /// Version of the program, as the run's provenance tells.
+        version: Option<String>,
+    },
+    /// A line is not what it should be.
+    #[error("{}, line {line}: {reason}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: u64,
+        /// What is wrong, and what would be right.
+        reason: String,
+    },
+}
+
+/// Reads the `eval.csv` of a run: at least one row, steps growing, returns finite.
+///
+/// # Errors
+/// When the file is missing, empty, cut short, damaged, or of another version.
+pub fn read_evaluations(path: &Path) -> Result<Vec<EvalRow>, CurveError> {
+    let text = fs::read_to_string(path).map_err(|error| CurveError::Unreadable {
+        path: path.to_owned(),
+        error,
+    })?;
+    let wrong = |line: u64, reason: String| CurveError::Line {
+        path: path.to_owned(),
+        line,
+        reason,
+    };
+    let header = text.lines().next().unwrap_or_default();
+    if header.is_empty() {
+        return Err(CurveError::Empty(path.to_owned()));
+    }
+    if header != EVAL_COLUMNS.join(",") {
+        return Err(CurveError::Columns {
+            path: path.to_owned(),
+            found: header.to_owned(),
+            version: provenance::version(&path.with_file_name("run.json")),
+        });
+    }
+    if !text.ends_with('\n') {
+        let line = text.lines().count() as u64;
+        return Err(wrong(
+            line,
+            "the line does not end: the file was cut short".into(),
+        ));
+    }
+    let mut rows: Vec<EvalRow> = Vec::new();
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    for row in reader.deserialize() {
+        let line = rows.len() as u64 + 2;
+        let row: EvalRow = row.map_err(|error| wrong(line, reason_of(&error)))?;
+        if !row.return_mean.is_finite() {
+            let found = row.return_mean;
+            return Err(wrong(line, format!("return_mean {found} is not finite")));
+        }
+        if let Some(before) = rows.last().filter(|before| before.step >= row.step) {
+            let (step, before) = (row.step, before.step);
+            return Err(wrong(
+                line,
+                format!("step {step} after {before}; steps must grow"),
+            ));
+        }
+        rows.push(row);
+    }
+    if rows.is_empty() {
+        return Err(CurveError::Empty(path.to_owned()));
+    }
+    Ok(rows)
+}
+
+/// Why a row is none, without the line, which csv counts by bytes and records as well.
+fn reason_of(error: &csv::Error) -> String {
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            len, expected_len, ..
+        } => {
+            format!("{len} fields instead of {expected_len}: the file is damaged")
+        }
+        csv::ErrorKind::Deserialize { err, .. } => {
+            let column = err
+                .field()
+                .and_then(|field| EVAL_COLUMNS.get(field as usize));
+            let column = column.copied().unwrap_or("a field");
+            format!("{column}: {}", err.kind())
+        }
+        _ => error.to_string(),
+    }
+}
+
+/// The fields of the last whole row of a curve, also of one that is being written.
+pub fn last_row(path: &Path) -> Option<Vec<String>> {
+    let text = fs::read_to_string(path).ok()?;
+    let whole = &text[..text.rfind('\n')?];
+    let row = whole.lines().skip(1).last()?;
+    Some(row.split(',').map(str::to_owned).collect())
 }
 
 /// One row of `train.csv`: means over the steps since the row before.

@@ -15,6 +15,7 @@ mod trainer;
 mod video;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use curves::{CurveError, EvalRow, last_row, read_evaluations};
 pub use error::{DiskError, TrainError};
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator, Watch};
 pub use lock::LockError;

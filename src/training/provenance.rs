@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use serde_json::{Map, Value};
+use std::path::Path;
 use std::time::SystemTime;
 
 /// Versions, commit, host and command of a run.
@@ -24,6 +25,13 @@ struct Resumed {
     step: u64,
     #[serde(flatten)]
     by: Provenance,
+}
+
+/// Version of the program that began the run whose provenance is the file at `path`.
+pub(super) fn version(path: &Path) -> Option<String> {
+    let json = std::fs::read_to_string(path).ok()?;
+    let run: Value = serde_json::from_str(&json).ok()?;
+    Some(run.get("mamf")?.as_str()?.to_owned())
 }
 
 impl Provenance {

@@ -11,7 +11,7 @@ use crate::nn::{Memory, ObservationScaling, RunningMoments, WeightError, Weights
 use crate::random::Stream;
 use crate::replay::{Demonstrations, Logged, ReplayBuffer, ReplayLog, ReplayLogError};
 use crate::training::checkpoint::{self, CheckpointError, WEIGHTS, damaged};
-use crate::training::curves::{Curves, Interval};
+use crate::training::curves::{Curves, Interval, last_row};
 use crate::training::experience::ExperienceState;
 use crate::training::manifest::{Build, Manifest, Seal};
 use crate::training::provenance::Provenance;
@@ -268,7 +268,8 @@ fn begin_again(
     monitor: &mut dyn Monitor,
 ) -> Result<Resumed, TrainError> {
     let path = directory.path().to_owned();
-    let reached = last_step(&path.join("eval.csv"));
+    let last = last_row(&path.join("eval.csv"));
+    let reached = last.and_then(|row| row.first()?.parse().ok()).unwrap_or(0);
     let due = config.checkpoint.every.min(config.steps);
     if reached >= due {
         return Err(TrainError::CheckpointsMissing { path, reached, due });
@@ -284,16 +285,6 @@ fn begin_again(
         provenance.after(&json, 0)
     })?;
     Ok(Resumed::Run(Box::new(trainer)))
-}
-
-/// The step of the last row of a curve; 0 without one.
-fn last_step(curve: &Path) -> u64 {
-    let text = fs::read_to_string(curve).unwrap_or_default();
-    let steps = text
-        .lines()
-        .skip(1)
-        .filter_map(|row| row.split(',').next()?.parse().ok());
-    steps.last().unwrap_or(0)
 }
 
 /// The steps of a run that has taken all of them, if its checkpoint at `path` is whole.

@@ -1,0 +1,369 @@
+//! `mamf compare`
+
+use super::{FAILED, Misuse, tell};
+use crate::comparison::{
+    self, Comparison, ComparisonError, Estimate, Interval, Measured, Metric, Options, Overall,
+    TaskComparison,
+};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::process::ExitCode;
+use std::str::FromStr;
+
+/// Arguments of `mamf compare`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Runs of one method: a run directory, a folder above some, or a quoted pattern of them
+    #[arg(value_name = "A")]
+    a: String,
+    /// Runs of the other method, of the same tasks and seeds
+    #[arg(value_name = "B")]
+    b: String,
+    /// What of the evaluations is compared
+    #[arg(long, value_enum, default_value_t)]
+    metric: Metric,
+    /// Value to be reached; of one task with TASK=VALUE, may be repeated [default: the lower of both final values]
+    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    threshold: Vec<Threshold>,
+    /// End with exit code 1 unless, in every task, A's final value is at least B's plus X; X is a number, or a
+    /// percentage of B's value such as -5%
+    #[arg(long, value_name = "X", allow_hyphen_values = true)]
+    at_least: Option<Margin>,
+    /// Hold the lower end of the interval to --at-least, not the mean difference
+    #[arg(long, requires = "at_least")]
+    confident: bool,
+    /// Leave out runs without a partner
+    #[arg(long)]
+    paired_only: bool,
+    /// Resamplings of the bootstrap
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    repetitions: u32,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A threshold, of one task or of all.
+#[derive(Debug, Clone)]
+struct Threshold {
+    task: Option<String>,
+    value: f64,
+}
+
+impl FromStr for Threshold {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Threshold, String> {
+        let (task, value) = match text.rsplit_once('=') {
+            Some((task, value)) => (Some(task.to_owned()), value),
+            None => (None, text),
+        };
+        let value = finite(value).ok_or("not a number, nor TASK=NUMBER such as Hopper-v4=1000")?;
+        Ok(Threshold { task, value })
+    }
+}
+
+/// By how much A must be better.
+#[derive(Debug, Clone, Copy)]
+enum Margin {
+    Absolute(f64),
+    /// Of the size of B's value.
+    Percent(f64),
+}
+
+impl FromStr for Margin {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Margin, String> {
+        let wrong = "not a number, nor a percentage such as -5%";
+        match text.strip_suffix('%') {
+            Some(percent) => finite(percent).map(Margin::Percent),
+            None => finite(text).map(Margin::Absolute),
+        }
+        .ok_or_else(|| wrong.to_owned())
+    }
+}
+
+impl Margin {
+    /// The least difference, where B has this value.
+    fn of(self, b: f64) -> f64 {
+        match self {
+            Margin::Absolute(least) => least,
+            Margin::Percent(percent) => percent / 100.0 * b.abs(),
+        }
+    }
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite())
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a> {
+    a: &'a str,
+    b: &'a str,
+    #[serde(flatten)]
+    comparison: &'a Comparison,
+    /// Whether `--at-least` holds, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    at_least_holds: Option<bool>,
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let options = args.options()?;
+    let sides = [comparison::find(&args.a)?, comparison::find(&args.b)?];
+    let pairs = comparison::pair(sides, [&args.a, &args.b])?;
+    if !pairs.unpaired.is_empty() && !args.paired_only {
+        return Err(ComparisonError::Unpaired(pairs.unpaired).into());
+    }
+    let mut compared = comparison::compare(&pairs, &options)?;
+    if !pairs.unpaired.is_empty() {
+        let left_out = pairs.unpaired.join(", ");
+        compared
+            .notes
+            .push(format!("left out, for they have no partner: {left_out}"));
+    }
+    let unmet = args
+        .at_least
+        .map(|margin| args.unmet(margin, &compared))
+        .transpose()?;
+    if args.json {
+        let printed = Printed {
+            a: &args.a,
+            b: &args.b,
+            comparison: &compared,
+            at_least_holds: unmet.as_ref().map(Vec::is_empty),
+        };
+        let json = serde_json::to_string_pretty(&printed)?;
+        writeln!(std::io::stdout(), "{json}")?;
+    } else {
+        print(args, &compared)?;
+    }
+    match unmet {
+        Some(unmet) if !unmet.is_empty() => {
+            for reason in unmet {
+                tell(&format!("not met: {reason}"));
+            }
+            Ok(ExitCode::from(FAILED))
+        }
+        _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+impl Args {
+    fn options(&self) -> Result<Options, Misuse> {
+        let mut options = Options {
+            metric: self.metric,
+            threshold: None,
+            thresholds: BTreeMap::new(),
+            repetitions: self.repetitions as usize,
+        };
+        for Threshold { task, value } in &self.threshold {
+            let (former, of) = match task {
+                None => (options.threshold.replace(*value), "all tasks"),
+                Some(task) => (options.thresholds.insert(task.clone(), *value), &task[..]),
+            };
+            if let Some(former) = former {
+                let reason =
+                    format!("--threshold: two of {of}, {former} and {value}; one is needed");
+                return Err(Misuse(reason));
+            }
+        }
+        Ok(options)
+    }
+
+    /// The tasks in which A is not better than B by `margin`, in words.
+    fn unmet(&self, margin: Margin, compared: &Comparison) -> Result<Vec<String>, Misuse> {
+        let mut unmet = Vec::new();
+        for task in &compared.tasks {
+            let measured = &task.final_value;
+            let least = margin.of(measured.b);
+            let (found, what) = if self.confident {
+                let interval = measured.difference.interval.ok_or_else(|| {
+                    let task = &task.task;
+                    Misuse(format!(
+                        "--confident: {task} has a single pair, and hence no interval; two seeds or more are needed"
+                    ))
+                })?;
+                (interval.low, "the interval of A - B begins at")
+            } else {
+                (measured.difference.value, "A - B is")
+            };
+            if found < least {
+                let (name, found, least) = (&task.task, number(found), number(least));
+                unmet.push(format!(
+                    "{name}: {what} {found}, at least {least} is asked for"
+                ));
+            }
+        }
+        Ok(unmet)
+    }
+}
+
+/// Columns of the table: what, A, B, difference, interval, probability.
+fn row(cells: [&str; 7]) -> String {
+    let [what, a, b, difference, interval, improvement, won] = cells;
+    let line = format!(
+        "  {what:<22} {a:>9} {b:>9} {difference:>10}  {interval:<22}  {improvement:<20}  {won}"
+    );
+    line.trim_end().to_owned()
+}
+
+fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "A  {}\nB  {}", args.a, args.b)?;
+    let (what, whole) = match compared.metric {
+        Metric::Return => ("return", "final return"),
+        Metric::Success => ("success", "final success rate"),
+    };
+    for task in &compared.tasks {
+        let seeds: Vec<String> = task.seeds.iter().map(u64::to_string).collect();
+        let count = match seeds.len() {
+            1 => format!("1 pair (seed {})", seeds[0]),
+            n => format!("{n} pairs (seeds {})", seeds.join(", ")),
+        };
+        writeln!(out, "\n{}: {count}, {} steps", task.task, task.steps)?;
+        writeln!(
+            out,
+            "{}",
+            row([
+                "",
+                "A",
+                "B",
+                "A - B",
+                "95 % interval",
+                "P(A better)",
+                "A better in"
+            ])
+        )?;
+        print_measured(&mut out, whole, &task.final_value, task)?;
+        print_measured(&mut out, &format!("mean {what} (area)"), &task.area, task)?;
+        let threshold = number(task.threshold);
+        print_measured(
+            &mut out,
+            &format!("steps to {threshold}"),
+            &task.steps_to_threshold,
+            task,
+        )?;
+        let [a, b] = task.reached;
+        let n = task.seeds.len();
+        if a.min(b) < n {
+            let counted = "the others count with all their steps";
+            writeln!(
+                out,
+                "  {threshold} is reached by {a} of {n} runs of A, {b} of {n} of B; {counted}"
+            )?;
+        }
+    }
+    if let Some(all) = &compared.all {
+        print_overall(&mut out, all, compared.tasks.len())?;
+    }
+    if !compared.notes.is_empty() {
+        writeln!(out)?;
+    }
+    for note in &compared.notes {
+        writeln!(out, "note: {note}")?;
+    }
+    Ok(())
+}
+
+fn print_measured(
+    out: &mut impl Write,
+    what: &str,
+    measured: &Measured,
+    task: &TaskComparison,
+) -> std::io::Result<()> {
+    let line = row([
+        what,
+        &number(measured.a),
+        &number(measured.b),
+        &signed(measured.difference.value),
+        &interval(&measured.difference, signed),
+        &probability(&measured.improvement),
+        &format!("{} of {}", measured.won, task.seeds.len()),
+    ]);
+    writeln!(out, "{line}")
+}
+
+fn print_overall(out: &mut impl Write, all: &Overall, tasks: usize) -> std::io::Result<()> {
+    writeln!(
+        out,
+        "\nall {tasks} tasks: {} pairs; differences in units of what the better side gained on the untrained policy",
+        all.pairs
+    )?;
+    for (what, estimate, improvement) in [
+        ("final", &all.final_value, probability(&all.improvement)),
+        ("mean (area)", &all.area, String::new()),
+    ] {
+        let (difference, interval) = (signed(estimate.value), interval(estimate, signed));
+        writeln!(
+            out,
+            "{}",
+            row([what, "", "", &difference, &interval, &improvement, ""])
+        )?;
+    }
+    Ok(())
+}
+
+fn interval(estimate: &Estimate, print: fn(f64) -> String) -> String {
+    match estimate.interval {
+        None => "-".to_owned(),
+        Some(Interval { low, high }) => format!("{} to {}", print(low), print(high)),
+    }
+}
+
+fn probability(estimate: &Estimate) -> String {
+    let two = |value: f64| format!("{value:.2}");
+    match estimate.interval {
+        None => two(estimate.value),
+        Some(_) => format!("{} ({})", two(estimate.value), interval(estimate, two)),
+    }
+}
+
+fn signed(value: f64) -> String {
+    let sign = if value > 0.0 { "+" } else { "" };
+    format!("{sign}{}", number(value))
+}
+
+/// Four digits or so.
+fn number(value: f64) -> String {
+    let decimals = match value.abs() {
+        size if size >= 1_000.0 || value == 0.0 => 0,
+        size if size >= 100.0 => 1,
+        size if size >= 1.0 => 2,
+        _ => 4,
+    };
+    format!("{value:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn margins_and_thresholds_are_read() {
+        let least = |text: &str, b| text.parse().map(|margin: Margin| margin.of(b));
+        assert_eq!(least("-5%", -200.0), Ok(-10.0));
+        assert_eq!(least("2.5", -200.0), Ok(2.5));
+        assert!(least("5 percent", 1.0).is_err());
+        assert!(least("nan", 1.0).is_err());
+        let threshold: Threshold = "Hopper-v4=-3".parse().unwrap();
+        assert_eq!(
+            (threshold.task.as_deref(), threshold.value),
+            (Some("Hopper-v4"), -3.0)
+        );
+        assert!("Hopper-v4".parse::<Threshold>().is_err());
+    }
+
+    #[test]
+    fn numbers_have_about_four_digits() {
+        let numbers = [0.0, -0.01234, 3.14159, -123.456, 30000.0].map(number);
+        assert_eq!(numbers, ["0", "-0.0123", "3.14", "-123.5", "30000"]);
+        assert_eq!(signed(1.0), "+1.00");
+    }
+}
