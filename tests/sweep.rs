@@ -47,7 +47,18 @@ fn all_runs_are_made_and_made_only_once() {
     let said = stderr(&output);
     for run in RUNS {
         assert!(said.contains(&format!("small/{run}: began\n")), "{said}");
-        assert!(said.contains(&format!("small/{run}: finished")), "{said}");
+        let curve = eval_of(&place, "runs/four", run);
+        let last: f64 = curve
+            .lines()
+            .last()
+            .unwrap()
+            .split(',')
+            .nth(2)
+            .unwrap()
+            .parse()
+            .unwrap();
+        let told = format!("small/{run}: finished, return {last:.1} (");
+        assert!(said.contains(&told), "{told}: {said}");
         assert!(
             place
                 .read(&format!("runs/four/small/{run}.log"))

@@ -159,6 +159,8 @@ struct Table {
     bars: Option<MultiProgress>,
     all: ProgressBar,
     running: BTreeMap<String, ProgressBar>,
+    /// Last return of those that have one.
+    returns: BTreeMap<String, f64>,
     ended: usize,
     count: usize,
 }
@@ -169,8 +171,9 @@ impl Table {
         let all = match &bars {
             None => ProgressBar::hidden(),
             Some(bars) => {
-                let style =
-                    ProgressStyle::with_template("{wide_bar} {pos}/{len} runs ended  {elapsed}");
+                let style = ProgressStyle::with_template(
+                    "{wide_bar} {pos}/{len} runs ended, {msg}  {elapsed}",
+                );
                 let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
                 bars.add(ProgressBar::new(count as u64).with_style(style))
             }
@@ -179,6 +182,7 @@ impl Table {
             bars,
             all,
             running: BTreeMap::new(),
+            returns: BTreeMap::new(),
             ended: 0,
             count,
         }
@@ -191,8 +195,16 @@ impl Table {
         }
     }
 
+    /// How many have not ended, in words.
+    fn count(&self) {
+        let running = self.running.len();
+        let waiting = self.count.saturating_sub(self.ended + running);
+        let message = format!("{running} running, {waiting} waiting");
+        self.all.set_message(message);
+    }
+
     fn finish(&self) {
-        self.all.abandon();
+        self.all.finish_and_clear();
     }
 }
 
@@ -215,9 +227,13 @@ impl Watcher for Table {
         bar.set_prefix(run.name.clone());
         bar.set_position(step);
         self.running.insert(run.name.clone(), bar);
+        self.count();
     }
 
     fn proceeds(&mut self, run: &PlannedRun, progress: Progress) {
+        if let Some(return_mean) = progress.return_mean {
+            self.returns.insert(run.name.clone(), return_mean);
+        }
         let Some(bar) = self.running.get(&run.name) else {
             return;
         };
@@ -240,12 +256,15 @@ impl Watcher for Table {
         }
         self.ended += 1;
         self.all.set_position(self.ended as u64);
+        self.count();
+        let last = self.returns.remove(&run.name);
+        let last = last.map_or(String::new(), |last| format!(", return {last:.1}"));
         let how = match ended {
             Ended::Finished => "finished",
             Ended::Interrupted => "interrupted",
             Ended::Failed(_) => "failed",
         };
         let (name, ended, count) = (&run.name, self.ended, self.count);
-        self.say(&format!("{name}: {how} ({ended} of {count})"));
+        self.say(&format!("{name}: {how}{last} ({ended} of {count})"));
     }
 }

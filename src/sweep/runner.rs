@@ -105,6 +105,8 @@ pub fn run(
                 true
             }
             Ok(Some(status)) => {
+                // Once more, for what came since the last look.
+                watcher.proceeds(job.run, Progress::of(&job.directory));
                 end(job.run, ended(status, &job.log), watcher, &mut outcomes);
                 false
             }
