@@ -1,9 +1,10 @@
 //! Runs of an experiment side by side: processes of this program.
 
 use super::{PlannedRun, Progress, Standing};
+use signal_hook::consts::SIGTERM;
 use std::fs::{self, File, OpenOptions};
 use std::io;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -105,7 +106,12 @@ pub fn run(
                 true
             }
             Ok(Some(status)) => {
-                end(job.run, ended(status, &job.log), watcher, &mut outcomes);
+                let ended = match status.signal() {
+                    // Our request came before it could hear it, and hence before it took a step.
+                    Some(SIGTERM) if job.told => Ended::Interrupted,
+                    _ => ended(status, &job.log),
+                };
+                end(job.run, ended, watcher, &mut outcomes);
                 false
             }
             Err(error) => {
