@@ -8,7 +8,8 @@
 set -euo pipefail
 
 packages=(slurm-wlm munge)
-mark="# Written by scripts/slurm_local.sh of mamf for this host alone; remove the file to have it written again."
+# The first line of a configuration that this script may write anew.
+mark="# Written by mamf's scripts/slurm_local.sh."
 conf=/etc/slurm/slurm.conf
 state=/var/lib/mamf-slurm
 patience=60 # seconds for the node to become idle
@@ -38,7 +39,7 @@ ours() { [[ -e $conf ]] && grep -qxF "$mark" "$conf"; }
 runs() {
     local pid
     pid=$("${as_root[@]}" cat "$state/$1/pid" 2>/dev/null) || return 1
-    [[ $(ps -o args= -p "$pid" 2>/dev/null) == *"$1"* ]]
+    [[ $(tr '\0' ' ' 2>/dev/null <"/proc/$pid/cmdline") == *"$1"* ]]
 }
 # Ends a daemon that this script started.
 end() {
@@ -59,7 +60,15 @@ if [[ ${1:-} == stop ]]; then
     exit 0
 fi
 
-[[ ! -e $conf ]] || ours || fail "$conf is there already, and not from this script; nothing is changed"
+if ! ours; then
+    for other in "$conf" /etc/slurm-llnl/slurm.conf ${SLURM_CONF:+"$SLURM_CONF"}; do
+        [[ ! -e $other ]] || fail "$other is there already, and not from this script; nothing is changed"
+    done
+    # A cluster may keep its configuration elsewhere, or hand it out over the network.
+    if pgrep -x slurmd >/dev/null 2>&1 || pgrep -x slurmctld >/dev/null 2>&1 || timeout 10 sinfo >/dev/null 2>&1; then
+        fail "this host belongs to a cluster already; nothing is changed"
+    fi
+fi
 if ! command -v dpkg >/dev/null || ! command -v apt-get >/dev/null; then
     fail "this is no Debian system; install Slurm yourself"
 fi
@@ -77,12 +86,9 @@ if ((${#missing[@]} > 0)); then
 fi
 
 host=$(hostname -s)
-if [[ ! -e $conf ]]; then
-    # Some memory is left to the system; Slurm takes a node out of service that has less than its configuration says.
-    memory=$(awk '/^MemTotal:/ { print int($2 / 1024 * 0.9) }' /proc/meminfo)
-    "${as_root[@]}" mkdir -p "$(dirname "$conf")"
-    "${as_root[@]}" tee "$conf" >/dev/null <<CONF
-$mark
+# Some memory is left to the system; Slurm takes a node out of service that has less than its configuration says.
+memory=$(awk '/^MemTotal:/ { print int($2 / 1024 * 0.9) }' /proc/meminfo)
+wanted="$mark
 ClusterName=mamf
 SlurmctldHost=$host(127.0.0.1)
 SlurmUser=slurm
@@ -111,8 +117,12 @@ SlurmdPidFile=$state/slurmd/pid
 SlurmctldLogFile=$state/slurmctld/log
 SlurmdLogFile=$state/slurmd/log
 NodeName=$host NodeAddr=127.0.0.1 CPUs=$(nproc) RealMemory=$memory State=UNKNOWN
-PartitionName=local Nodes=$host Default=YES MaxTime=INFINITE State=UP
-CONF
+PartitionName=local Nodes=$host Default=YES MaxTime=INFINITE State=UP"
+if [[ $(cat "$conf" 2>/dev/null || true) != "$wanted" ]]; then
+    # Daemons of a host that has changed since, in name or size.
+    for daemon in slurmd slurmctld; do end "$daemon"; done
+    "${as_root[@]}" mkdir -p "$(dirname "$conf")"
+    "${as_root[@]}" tee "$conf" >/dev/null <<<"$wanted"
     say "wrote $conf: the host $host, $(nproc) CPUs, $memory MB"
 fi
 

@@ -55,11 +55,6 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let stop = Arc::new(AtomicBool::new(false));
-    if args.task_index.is_some() {
-        // First, as a batch system may send one at any moment.
-        listen(&stop)?;
-    }
     let mut settings = args.set.clone();
     settings.extend(args.steps.map(|steps| format!("steps={steps}")));
     let changes = Changes {
@@ -93,9 +88,11 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         // A second thread takes up half of an update at best; a third one nothing.
         threads: (cores / jobs).clamp(1, 2),
     };
-    if args.task_index.is_none() {
-        listen(&stop)?;
-    } else if slurm_number("SLURM_RESTART_COUNT").is_some() {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        flag::register(signal, Arc::clone(&stop))?;
+    }
+    if args.task_index.is_some() && slurm_number("SLURM_RESTART_COUNT").is_some() {
         for run in &runs {
             wait_for_former(&plan.out.join(&run.name), &stop);
         }
@@ -104,14 +101,6 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
     conclude(&outcomes, &plan)
-}
-
-/// Has SIGINT, SIGTERM and SIGUSR1 set `stop`.
-fn listen(stop: &Arc<AtomicBool>) -> std::io::Result<()> {
-    for signal in [SIGINT, SIGTERM, SIGUSR1] {
-        flag::register(signal, Arc::clone(stop))?;
-    }
-    Ok(())
 }
 
 /// A number from 1 that Slurm left in the environment.

@@ -212,3 +212,47 @@ fn interrupt(child: &Child) {
         .stderr(Stdio::null())
         .status();
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, Method};
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Wants all runs to end as soon as one has begun.
+    struct Impatient<'a>(&'a AtomicBool);
+
+    impl Watcher for Impatient<'_> {
+        fn began(&mut self, _: &PlannedRun, _: u64) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+        fn proceeds(&mut self, _: &PlannedRun, _: Progress) {}
+        fn ended(&mut self, _: &PlannedRun, _: &Ended) {}
+    }
+
+    #[test]
+    fn a_run_that_is_told_to_end_before_it_hears_can_go_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let program = directory.path().join("deaf");
+        fs::write(&program, "#!/bin/sh\nexec sleep 60\n").unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let plan = Plan {
+            program,
+            out: directory.path().to_owned(),
+            jobs: 1,
+            threads: 1,
+        };
+        let run = |index: usize| PlannedRun {
+            index,
+            name: format!("small/td3/seed-{index}"),
+            file: "small.toml".into(),
+            settings: Vec::new(),
+            seed: 0,
+            config: Config::preset(Method::Td3),
+        };
+        let stop = AtomicBool::new(false);
+        let outcomes = super::run(&plan, &[run(0), run(1)], &mut Impatient(&stop), &stop);
+        assert_eq!(outcomes.len(), 2);
+        assert!(outcomes.iter().all(|o| o.ended == Ended::Interrupted));
+    }
+}
