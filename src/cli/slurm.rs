@@ -5,6 +5,7 @@ use crate::files::{FileError, Files};
 use crate::sweep::slurm::{self, Elements, Request, Sbatch, TimeLimit};
 use crate::sweep::{PlannedRun, Standing};
 use anyhow::Context;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -85,9 +86,10 @@ pub(super) fn run(args: &Args, submission: Submission<'_>) -> anyhow::Result<Exi
             Standing::InTheWay(reason) => in_the_way.push((&run.name, reason)),
         }
     }
-    let code = match in_the_way.is_empty() {
-        true => ExitCode::SUCCESS,
-        false => ExitCode::from(FAILED),
+    let code = if in_the_way.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(FAILED)
     };
     let leave_out = || {
         for (name, reason) in &in_the_way {
@@ -117,7 +119,6 @@ pub(super) fn run(args: &Args, submission: Submission<'_>) -> anyhow::Result<Exi
     let text = slurm::script(&args.request(name), &elements)?;
     if args.print {
         leave_out();
-        use std::io::Write;
         std::io::stdout().write_all(text.as_bytes())?;
         return Ok(code);
     }
