@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long, value_name = "K")]
     task_index: Option<usize>,
     #[command(flatten)]
-    slurm: slurm::Args,
+    slurm: Box<slurm::Args>,
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
