@@ -6,6 +6,7 @@ mod envs;
 mod eval;
 mod progress;
 mod render;
+mod slurm;
 mod sweep;
 mod train;
 mod verify;
@@ -16,6 +17,7 @@ use crate::env::{MakeError, UnknownTask};
 use crate::render::{OutputError, PaintError, RenderError};
 use crate::replay::DemonstrationError;
 use crate::sweep::SweepError;
+use crate::sweep::slurm::SlurmError;
 use crate::training::{CheckpointError, LockError, RunDirectoryError, TrainError};
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -138,6 +140,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || matches!(cause.downcast_ref(), Some(PaintError::Camera { .. }))
             || cause.is::<SweepError>()
             || cause.is::<ComparisonError>()
+            || cause.is::<SlurmError>()
             || cause
                 .downcast_ref::<RunDirectoryError>()
                 .is_some_and(is_misuse_of_directory)

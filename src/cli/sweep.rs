@@ -1,19 +1,24 @@
 //! `mamf sweep`
 
-use super::{FAILED, INTERRUPTED, Misuse, tell};
+use super::{FAILED, INTERRUPTED, Misuse, slurm, tell};
 use crate::sweep::{
     self, Changes, Ended, Outcome, Plan, PlannedRun, Progress, Standing, Sweep, Watcher,
 };
+use crate::training::{LockError, RunDirectory, RunDirectoryError};
 use anyhow::Context;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long a requeued job waits for the process it had before, which may lie on another node that the cluster has lost.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Arguments of `mamf sweep`.
 #[derive(Debug, clap::Args)]
@@ -45,6 +50,8 @@ pub struct Args {
     /// Make only the run of this number in the list, which begins with 0
     #[arg(long, value_name = "K")]
     task_index: Option<usize>,
+    #[command(flatten)]
+    slurm: Box<slurm::Args>,
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -62,8 +69,17 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         list(&runs, &out)?;
         return Ok(ExitCode::SUCCESS);
     }
+    if args.slurm.slurm {
+        let submission = slurm::Submission {
+            name: &sweep.name,
+            out: &out,
+            runs: &runs,
+            arguments: args.forwarded(),
+        };
+        return slurm::run(&args.slurm, submission);
+    }
 
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let cores = args.cores();
     let jobs = args.jobs.map_or(cores, usize::from).min(runs.len());
     let plan = Plan {
         program: std::env::current_exe().context("where this program lies")?,
@@ -76,13 +92,75 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     for signal in [SIGINT, SIGTERM, SIGUSR1] {
         flag::register(signal, Arc::clone(&stop))?;
     }
+    if args.task_index.is_some() && slurm_number("SLURM_RESTART_COUNT").is_some() {
+        for run in &runs {
+            wait_for_former(&plan.out.join(&run.name), &stop);
+        }
+    }
     let mut table = Table::new(runs.len());
     let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
     conclude(&outcomes, &plan)
 }
 
+/// A number from 1 that Slurm left in the environment.
+fn slurm_number(variable: &str) -> Option<usize> {
+    let text = std::env::var(variable).ok()?;
+    text.parse().ok().filter(|number| *number > 0)
+}
+
+/// Waits while another process works on a run, as that of a job before it was requeued may for a moment.
+fn wait_for_former(directory: &Path, stop: &AtomicBool) {
+    let began = Instant::now();
+    let mut told = false;
+    while !stop.load(Ordering::Relaxed) && began.elapsed() < PATIENCE {
+        let Err(RunDirectoryError::Locked(error @ LockError::Held { .. })) =
+            RunDirectory::open(directory)
+        else {
+            return;
+        };
+        if !told {
+            tell(&format!("waiting: {error}"));
+            told = true;
+        }
+        std::thread::sleep(Duration::from_millis(500));
+    }
+}
+
 impl Args {
+    /// Cores that are ours. Slurm's allotment to an element of an array counts, as not every cluster binds
+    /// processes to it.
+    fn cores(&self) -> usize {
+        let found = std::thread::available_parallelism().map_or(1, usize::from);
+        let allotted = slurm_number("SLURM_CPUS_PER_TASK");
+        let allotted = allotted.filter(|_| self.task_index.is_some());
+        allotted.map_or(found, |allotted| allotted.min(found))
+    }
+
+    /// The arguments that mean the same experiment, for each element of an array; its number is added there.
+    fn forwarded(&self) -> Vec<PathBuf> {
+        // A path must not be taken for an option.
+        let plain = |path: &Path| match path.as_os_str().as_encoded_bytes() {
+            [b'-', ..] => Path::new(".").join(path),
+            _ => path.to_owned(),
+        };
+        let mut words = vec!["sweep".into(), plain(&self.file)];
+        if let Some(out) = &self.out {
+            words.extend(["--out".into(), plain(out)]);
+        }
+        for setting in &self.set {
+            words.extend(["--set".into(), setting.into()]);
+        }
+        if let Some(steps) = self.steps {
+            words.extend(["--steps".into(), steps.to_string().into()]);
+        }
+        if let Some(seeds) = &self.seeds {
+            words.push("--seeds".into());
+            words.extend(seeds.iter().map(|seed| seed.to_string().into()));
+        }
+        words
+    }
+
     /// Those of `runs` that are to be made.
     fn chosen(&self, mut runs: Vec<PlannedRun>) -> anyhow::Result<Vec<PlannedRun>> {
         let count = runs.len();
@@ -108,7 +186,7 @@ impl Args {
     }
 }
 
-fn list(runs: &[PlannedRun], out: &std::path::Path) -> std::io::Result<()> {
+fn list(runs: &[PlannedRun], out: &Path) -> std::io::Result<()> {
     let mut stdout = std::io::stdout().lock();
     let width = runs.iter().map(|run| run.name.len()).max().unwrap_or(0);
     for run in runs {

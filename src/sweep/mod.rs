@@ -2,6 +2,7 @@
 
 mod definition;
 mod runner;
+pub mod slurm;
 mod standing;
 
 pub use definition::{Changes, PlannedRun, Sweep, SweepError};

@@ -1,9 +1,10 @@
 //! Runs of an experiment side by side: processes of this program.
 
 use super::{PlannedRun, Progress, Standing};
+use signal_hook::consts::SIGTERM;
 use std::fs::{self, File, OpenOptions};
 use std::io;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -107,7 +108,12 @@ pub fn run(
             Ok(Some(status)) => {
                 // Once more, for what came since the last look.
                 watcher.proceeds(job.run, Progress::of(&job.directory));
-                end(job.run, ended(status, &job.log), watcher, &mut outcomes);
+                let ended = match status.signal() {
+                    // Our request came before it could hear it, and hence before it took a step.
+                    Some(SIGTERM) if job.told => Ended::Interrupted,
+                    _ => ended(status, &job.log),
+                };
+                end(job.run, ended, watcher, &mut outcomes);
                 false
             }
             Err(error) => {
@@ -207,4 +213,48 @@ fn interrupt(child: &Child) {
         .args(["-c", &kill])
         .stderr(Stdio::null())
         .status();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, Method};
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Wants all runs to end as soon as one has begun.
+    struct Impatient<'a>(&'a AtomicBool);
+
+    impl Watcher for Impatient<'_> {
+        fn began(&mut self, _: &PlannedRun, _: u64) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+        fn proceeds(&mut self, _: &PlannedRun, _: Progress) {}
+        fn ended(&mut self, _: &PlannedRun, _: &Ended) {}
+    }
+
+    #[test]
+    fn a_run_that_is_told_to_end_before_it_hears_can_go_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let program = directory.path().join("deaf");
+        fs::write(&program, "#!/bin/sh\nexec sleep 60\n").unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let plan = Plan {
+            program,
+            out: directory.path().to_owned(),
+            jobs: 1,
+            threads: 1,
+        };
+        let run = |index: usize| PlannedRun {
+            index,
+            name: format!("small/td3/seed-{index}"),
+            file: "small.toml".into(),
+            settings: Vec::new(),
+            seed: 0,
+            config: Config::preset(Method::Td3),
+        };
+        let stop = AtomicBool::new(false);
+        let outcomes = super::run(&plan, &[run(0), run(1)], &mut Impatient(&stop), &stop);
+        assert_eq!(outcomes.len(), 2);
+        assert!(outcomes.iter().all(|o| o.ended == Ended::Interrupted));
+    }
 }
