@@ -133,11 +133,11 @@ def parse_arguments():
 
 
 def together(notes):
-    """(title, text) pairs as lines, panels with the same text on one."""
+    """(title, text that follows it) pairs as lines, panels with the same text on one."""
     titles = {}
     for title, text in notes:
         titles.setdefault(text, []).append(title)
-    return [f"{', '.join(panels)}, {text}" for text, panels in titles.items()]
+    return [f"{', '.join(panels)}{text}" for text, panels in titles.items()]
 
 
 def read_panels(arguments):
@@ -173,12 +173,13 @@ def draw_curves(panels, labels, arguments):
     ranges = dict(arguments.range)
     notes = together(notes + range_notes(lines, ranges))
     statistic = "IQM" if arguments.statistic == "iqm" else "mean"
-    how = f"Line: {statistic} over seeds. Band: {interval_text(arguments)}."
-    if all(len(runs) == 1 for panel in panels for runs in panel.lines.values()):
+    counts = [len(runs) for panel in panels for runs in panel.lines.values()]
+    how = f"Line: {statistic} over seeds. Band: {interval_text(arguments)}.{caution(counts)}"
+    if max(counts) == 1:
         how = "Line: the only seed; no bands."
     if arguments.smooth > 1:
         how += f" Every point is the mean of the last {arguments.smooth} evaluations of a seed."
-    if arguments.statistic == "iqm" and any(len(runs) < 4 for panel in panels for runs in panel.lines.values()):
+    if arguments.statistic == "iqm" and min(counts) < 4:
         how += " The IQM of fewer than 4 seeds is their mean."
     full = arguments.full if arguments.layout == "ablation" else None
     what = figures.METRICS[arguments.metric]
@@ -193,7 +194,7 @@ def range_notes(lines, ranges):
     for title in lines:
         if title in ranges:
             estimates = {label: line.estimate for label, line in lines[title].items()}
-            notes += [(title, text) for text in beyond(estimates, ranges[title])]
+            notes += [(title, f": {text}") for text in beyond(estimates, ranges[title])]
     return notes
 
 
@@ -201,13 +202,20 @@ def beyond(estimates, limits):
     """A note on the labels that go beyond the limits, if any does."""
     low, high = limits
     outside = [label for label, x in estimates.items() if extent(x)[0] < low or extent(x)[1] > high]
-    return [f"{', '.join(outside)}: leaves what is drawn, {low:g} to {high:g}"] if outside else []
+    return (
+        [f"only {low:g} to {high:g} is drawn, beyond which are parts of {', '.join(outside)}"] if outside else []
+    )
 
 
 def extent(estimate):
     """Lowest and highest number of an estimate and its band."""
     bounds = [x for x in (estimate.value, estimate.low, estimate.high) if x is not None]
     return min(x.min() for x in bounds), max(x.max() for x in bounds)
+
+
+def caution(counts):
+    """What bootstrap intervals of few seeds are worth."""
+    return " Those of 2 to 4 seeds tend to be too narrow." if any(1 < count < 5 for count in counts) else ""
 
 
 def interval_text(arguments):
@@ -227,8 +235,8 @@ def draw_scores(panels, labels, wanted, arguments):
     scores = scores_of(panels, labels, scales, arguments.smooth)
     tasks = f"{len(scores.titles)} task{'' if len(scores.titles) == 1 else 's'}"
     runs = {label: len(final) for label, final in scores.final.items()}
-    some = f". Intervals: {interval_text(arguments)}"
-    how = f"{tasks}{some if max(runs.values()) > 1 else ', single runs: no intervals'}."
+    some = f". Intervals: {interval_text(arguments)}.{caution(runs.values())}"
+    how = f"{tasks}{some if max(runs.values()) > 1 else ', single runs: no intervals.'}"
     scale = f"Score: 0 is low, 1 is high; {given} of each task (see table.md)."
     notes = [how, scale, *scores.notes]
     drawn, sections = {}, table.scale_section(scores, given)
@@ -247,11 +255,12 @@ def draw_scores(panels, labels, wanted, arguments):
     if "efficiency" in wanted:
         estimates = efficiency(scores, arguments.reps)
         limits = dict(arguments.range).get("efficiency")
-        said = beyond(estimates, limits) if limits else []
+        said = [f"Sample efficiency: {text}" for text in beyond(estimates, limits)] if limits else []
         if scores.steps[-1] < scores.longest:
             end, longest = short(int(scores.steps[-1])), short(scores.longest)
             said.append(f"Drawn to {end} of {longest} steps, the last one at which all runs have an evaluation.")
         drawn["efficiency"] = figures.efficiency(scores.steps, estimates, labels, runs, notes + said, limits)
+        scores.notes.extend(said)
         sections += table.efficiency_section(scores.steps, estimates, labels)
     return drawn, sections, scores.notes
 

@@ -90,18 +90,18 @@ def line_of(runs, statistic, window, reps):
 
 
 def line_notes(runs, steps):
-    """What a reader must know about the runs of one label that are drawn at `steps`."""
+    """What a reader must know about the runs of one label that are drawn at `steps`: texts to follow the title."""
     notes = []
     label, drawn = runs[0].label, steps[-1]
     longest = max(max(run.planned, run.last) for run in runs)
     for run in runs:
         if run.last < longest:
             cut = f"; drawn to {short(drawn)}" if len(runs) > 1 else ""
-            notes.append(f"{label}: seed {run.seed} ends at {short(run.last)} of {short(longest)} steps{cut}")
+            notes.append(f", {label}: seed {run.seed} ends at {short(run.last)} of {short(longest)} steps{cut}")
     possible = max(sum(step <= drawn for step in run.curve.index) for run in runs)
     if len(steps) < possible:
         notes.append(
-            f"{label}: seeds are evaluated at different steps; the {len(steps)} common ones of {possible} are drawn"
+            f", {label}: seeds are evaluated at different steps; the {len(steps)} common ones of {possible} are drawn"
         )
     return notes
 
@@ -129,15 +129,15 @@ def seed_list(seeds):
 
 
 def panel_notes(panel, labels):
-    """Seeds and labels that others have and some lack."""
+    """Seeds and labels that others have and some lack: texts to follow the title."""
     lacking = [label for label in labels if label not in panel.lines]
-    notes = [f"{', '.join(lacking)}: no runs"] if lacking else []
+    notes = [f": no runs of {', '.join(lacking)}"] if lacking else []
     everyone = {run.seed for runs in panel.lines.values() for run in runs}
     for label in (label for label in labels if label in panel.lines):
         seeds = {run.seed for run in panel.lines[label]}
         if seeds < everyone:
             plural = "s" if len(seeds) > 1 else ""
-            notes.append(f"{label}: seed{plural} {seed_list(seeds)} of {seed_list(everyone)}")
+            notes.append(f", {label}: seed{plural} {seed_list(seeds)} of {seed_list(everyone)}")
     return notes
 
 
@@ -299,7 +299,8 @@ def improvements(scores, baseline, reps):
 def profiles(scores, reps):
     """Thresholds, and `{label: Estimate}` of the fraction of runs whose score is above each."""
     everything = np.concatenate([final.ravel() for final in scores.final.values()])
-    low, high = min(0.0, everything.min()), max(1.0, everything.max())
+    # Where a method fails altogether, scores far below 0 would take all of the width.
+    low, high = max(min(0.0, everything.min()), -1.0), max(1.0, everything.max())
     thresholds = np.union1d(np.linspace(low, high, 101), ROUND_THRESHOLDS)
 
     def above(x):
