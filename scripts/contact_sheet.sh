@@ -5,7 +5,7 @@
 #   scripts/contact_sheet.sh
 #
 # Needs a renderer (scripts/setup.sh --render), and for the sheet the Python packages of
-# scripts/requirements.txt.
+# scripts/requirements.txt (scripts/setup.sh --plots makes .venv with them).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -19,4 +19,6 @@ mkdir -p "$pictures"
     # A few random steps, so that no limb hides another.
     "$mamf" render --task "$id" --actions random --steps 8 --size 320x240 --out "$pictures/$id.png"
 done
-python3 scripts/contact_sheet.py "$pictures"/*.png --out results/tasks.png
+python=python3
+[ -x .venv/bin/python ] && python=.venv/bin/python
+"$python" scripts/contact_sheet.py "$pictures"/*.png --out results/tasks.png

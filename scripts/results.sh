@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Makes the learning curves under results/: each run's configuration, provenance and curves, and
-# one picture. Takes about twenty minutes on two cores.
+# Makes the single-seed runs under results/: configuration, provenance and curves of each, and the
+# figures. Takes about twenty minutes on two cores.
 #
 #   scripts/results.sh [SEED...]      (seed 0 unless told otherwise)
 #
 # With DEMONSTRATIONS set to a folder that holds recordings in PenSpin-v0/, PenSpin is also run with
 # demonstrations. They are not part of the repository.
-# Runs that stand under results/ already are left alone; remove them to make them anew. The picture
-# needs the Python packages of scripts/requirements.txt.
+# Runs that stand under results/ already are left alone; remove them to make them anew. Then all figures are
+# made by scripts/figures.sh, which needs the Python packages of scripts/requirements.txt.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -47,4 +47,4 @@ export -f one
 [ $# -gt 0 ] || set -- 0
 # One thread a run and one run a core: more steps a second in all than two threads a run.
 runs "$@" | xargs -P "$(nproc)" -d '\n' -I{} bash -c 'one "{}"'
-python3 scripts/plot.py results/*-v* --out results/curves.png
+scripts/figures.sh
