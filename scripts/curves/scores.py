@@ -247,6 +247,8 @@ def scores_of(panels, labels, scales, window):
     runs = [run for lines in chosen.values() for line in lines for run in line]
     curves = {id(run): smoothed(run.curve, window) for run in runs}
     steps = common_steps(list(curves.values()))
+    if not steps:
+        raise InputError("no step at which all runs have an evaluation; choose other runs, or --figures curves")
     longest = max(run.last for run in runs)
     final, along = {}, {}
     for label, lines in chosen.items():
