@@ -38,7 +38,7 @@ def draw_curves(panels, labels, arguments):
     notes = together(notes + range_notes(lines, ranges))
     statistic = "IQM" if arguments.statistic == "iqm" else "mean"
     counts = [len(runs) for panel in panels for runs in panel.lines.values()]
-    how = f"Line: {statistic} over seeds. Band: {interval_text(arguments)}.{caution(counts)}"
+    how = f"Line: {statistic} over seeds. Band: {interval_text(arguments)}{caution(counts)}."
     if max(counts) == 1:
         how = "Line: the only seed; no bands."
     if arguments.smooth > 1:
@@ -78,7 +78,7 @@ def extent(estimate):
 
 def caution(counts):
     """What bootstrap intervals of few seeds are worth."""
-    return " Those of 2 to 4 seeds tend to be too narrow." if any(1 < count < 5 for count in counts) else ""
+    return ", too narrow for 2 to 4 seeds" if any(1 < count < 5 for count in counts) else ""
 
 
 def interval_text(arguments):
@@ -96,8 +96,8 @@ def draw_scores(panels, labels, wanted, arguments):
     scores = scores_of(panels, labels, scales, arguments.smooth)
     tasks = f"{len(scores.titles)} task{'' if len(scores.titles) == 1 else 's'}"
     runs = {label: len(final) for label, final in scores.final.items()}
-    some = f". Intervals: {interval_text(arguments)}.{caution(runs.values())}"
-    how = f"{tasks}{some if max(runs.values()) > 1 else ', single runs: no intervals.'}"
+    some = f". Intervals: {interval_text(arguments)}{caution(runs.values())}"
+    how = f"{tasks}{some if max(runs.values()) > 1 else ', single runs: no intervals'}."
     scale = f"Score: 0 is low, 1 is high; {given} of each task (see table.md)."
     notes = [how, scale, *scores.notes]
     drawn, sections = {}, table.scale_section(scores, given)

@@ -239,7 +239,7 @@ def scores_of(panels, labels, scales, window):
         chosen[label] = [runs[:count] for runs in sorted_runs]
         if any(len(runs) > count for runs in sorted_runs):
             plural = "s" if count > 1 else ""
-            notes.append(f"{label}: the first {count} seed{plural} of each task count, for one task has no more")
+            notes.append(f"{label}: {count} seed{plural} of each task count, for one task has no more")
         for panel, runs in zip(used, sorted_runs, strict=True):
             early = seed_list(run.seed for run in runs[:count] if run.unfinished)
             if early:
