@@ -26,32 +26,12 @@ import os
 import sys
 from pathlib import Path
 
+NEEDED = "what is needed is installed, for Python 3.11 or newer, by `pip install -r scripts/requirements.txt`"
 try:
-    import arch  # noqa: F401  what rliable draws with; a TypeError with pandas 3
-    import matplotlib  # noqa: F401
-    import pandas  # noqa: F401
-    import rliable  # noqa: F401
-except (ImportError, TypeError) as error:
-    sys.exit(f"error: {error}; install what is needed by `python -m pip install -r scripts/requirements.txt`")
+    from curves.runs import FIGURES, METRICS, InputError, find_runs, panels_of, read_run
+except ImportError as error:
+    sys.exit(f"error: {error}; {NEEDED}")
 
-import matplotlib.pyplot as plt
-
-from curves import figures, table
-from curves.runs import InputError, find_runs, panels_of, read_run
-from curves.scores import (
-    aggregates,
-    efficiency,
-    improvements,
-    line_of,
-    measured_scale,
-    panel_notes,
-    profiles,
-    read_scales,
-    scores_of,
-    short,
-)
-
-FIGURES = ["curves", "aggregate", "improvement", "profiles", "efficiency"]
 FORMATS = ["png", "svg"]
 
 
@@ -104,10 +84,10 @@ def parse_arguments():
     add("--statistic", choices=["mean", "iqm"], default="mean", help="of learning curves (default: %(default)s)")
     add(
         "--metric",
-        choices=list(figures.METRICS),
+        choices=list(METRICS),
         default="return_mean",
         metavar="COLUMN",
-        help=f"column of eval.csv: {', '.join(figures.METRICS)} (default: %(default)s)",
+        help=f"column of eval.csv: {', '.join(METRICS)} (default: %(default)s)",
     )
     add("--smooth", type=at_least(1), default=1, metavar="N", help="draw the mean of the last N evaluations")
     add(
@@ -132,168 +112,37 @@ def parse_arguments():
     return parser.parse_args()
 
 
-def together(notes):
-    """(title, text that follows it) pairs as lines, panels with the same text on one."""
-    titles = {}
-    for title, text in notes:
-        titles.setdefault(text, []).append(title)
-    return [f"{', '.join(panels)}{text}" for text, panels in titles.items()]
-
-
 def read_panels(arguments):
-    """Panels, and all labels in the order in which they are listed."""
-    runs = [read_run(path, arguments.metric) for path in find_runs(arguments.runs)]
-    panels = panels_of(runs, arguments.merge)
-    labels = figures.ordered({run.label for run in runs})
-    asked = [("--baseline", arguments.baseline)]
-    if arguments.layout == "ablation":
-        asked.append(("--full", arguments.full))
-    for option, label in asked:
-        if label and label not in labels:
-            raise InputError(f"{option} {label}: no such method among the runs; there are {', '.join(labels)}")
-    titles = [panel.title for panel in panels]
-    for title, _ in arguments.range:
-        if title not in [*titles, "efficiency"]:
-            raise InputError(f"--range {title}: no such panel; there are {', '.join(titles)}, efficiency")
-    if arguments.layout == "ablation":
-        labels = [arguments.full] + [label for label in labels if label != arguments.full]
-    return panels, labels
-
-
-def draw_curves(panels, labels, arguments):
-    """The figure of learning curves, its table and its notes."""
-    lines, notes = {}, []
-    for panel in panels:
-        lines[panel.title] = {}
-        for label, runs in panel.lines.items():
-            line, said = line_of(runs, arguments.statistic, arguments.smooth, arguments.reps)
-            lines[panel.title][label] = line
-            notes += [(panel.title, text) for text in said]
-        notes += [(panel.title, text) for text in panel_notes(panel, labels)]
-    ranges = dict(arguments.range)
-    notes = together(notes + range_notes(lines, ranges))
-    statistic = "IQM" if arguments.statistic == "iqm" else "mean"
-    counts = [len(runs) for panel in panels for runs in panel.lines.values()]
-    how = f"Line: {statistic} over seeds. Band: {interval_text(arguments)}.{caution(counts)}"
-    if max(counts) == 1:
-        how = "Line: the only seed; no bands."
-    if arguments.smooth > 1:
-        how += f" Every point is the mean of the last {arguments.smooth} evaluations of a seed."
-    if arguments.statistic == "iqm" and min(counts) < 4:
-        how += " The IQM of fewer than 4 seeds is their mean."
-    full = arguments.full if arguments.layout == "ablation" else None
-    what = figures.METRICS[arguments.metric]
-    figure = figures.curves(panels, labels, lines, what, [how, *notes], ranges, full)
-    section = table.curve_section(panels, labels, lines, arguments.metric, arguments.statistic)
-    return figure, section, notes
-
-
-def range_notes(lines, ranges):
-    """Which lines leave the ranges that are drawn."""
-    notes = []
-    for title in lines:
-        if title in ranges:
-            estimates = {label: line.estimate for label, line in lines[title].items()}
-            notes += [(title, f": {text}") for text in beyond(estimates, ranges[title])]
-    return notes
-
-
-def beyond(estimates, limits):
-    """A note on the labels that go beyond the limits, if any does."""
-    low, high = limits
-    outside = [label for label, x in estimates.items() if extent(x)[0] < low or extent(x)[1] > high]
-    return (
-        [f"only {low:g} to {high:g} is drawn, beyond which are parts of {', '.join(outside)}"] if outside else []
-    )
-
-
-def extent(estimate):
-    """Lowest and highest number of an estimate and its band."""
-    bounds = [x for x in (estimate.value, estimate.low, estimate.high) if x is not None]
-    return min(x.min() for x in bounds), max(x.max() for x in bounds)
-
-
-def caution(counts):
-    """What bootstrap intervals of few seeds are worth."""
-    return " Those of 2 to 4 seeds tend to be too narrow." if any(1 < count < 5 for count in counts) else ""
-
-
-def interval_text(arguments):
-    return f"95 % stratified-bootstrap interval ({arguments.reps} resamples)"
-
-
-def draw_scores(panels, labels, wanted, arguments):
-    """Figures of normalised scores, by name; their tables and notes."""
-    if arguments.reference:
-        scales, given = (
-            read_scales(arguments.reference, panels),
-            f"low and high are those of {arguments.reference.name}",
-        )
-    else:
-        scales = {panel.title: measured_scale(panel) for panel in panels}
-        given = "low is the untrained policy's return, high the best method's mean final return"
-    scores = scores_of(panels, labels, scales, arguments.smooth)
-    tasks = f"{len(scores.titles)} task{'' if len(scores.titles) == 1 else 's'}"
-    runs = {label: len(final) for label, final in scores.final.items()}
-    some = f". Intervals: {interval_text(arguments)}.{caution(runs.values())}"
-    how = f"{tasks}{some if max(runs.values()) > 1 else ', single runs: no intervals.'}"
-    scale = f"Score: 0 is low, 1 is high; {given} of each task (see table.md)."
-    notes = [how, scale, *scores.notes]
-    drawn, sections = {}, table.scale_section(scores, given)
-    if "aggregate" in wanted:
-        estimates = aggregates(scores, arguments.reps)
-        drawn["aggregate"] = figures.aggregate(estimates, labels, runs, notes)
-        sections += table.aggregate_section(estimates, labels)
-    if "improvement" in wanted:
-        estimates = improvements(scores, arguments.baseline, arguments.reps)
-        drawn["improvement"] = figures.improvement(estimates, labels, [how, *scores.notes])
-        sections += table.improvement_section(estimates)
-    if "profiles" in wanted:
-        thresholds, estimates = profiles(scores, arguments.reps)
-        drawn["profiles"] = figures.profile(thresholds, estimates, labels, runs, notes)
-        sections += table.profile_section(thresholds, estimates, labels)
-    if "efficiency" in wanted:
-        estimates = efficiency(scores, arguments.reps)
-        limits = dict(arguments.range).get("efficiency")
-        said = [f"Sample efficiency: {text}" for text in beyond(estimates, limits)] if limits else []
-        if scores.steps[-1] < scores.longest:
-            end, longest = short(int(scores.steps[-1])), short(scores.longest)
-            said.append(f"Drawn to {end} of {longest} steps, the last one at which all runs have an evaluation.")
-        drawn["efficiency"] = figures.efficiency(scores.steps, estimates, labels, runs, notes + said, limits)
-        scores.notes.extend(said)
-        sections += table.efficiency_section(scores.steps, estimates, labels)
-    return drawn, sections, scores.notes
-
-
-def draw(arguments):
-    """All figures by name, and the text of the table."""
+    """Panels of the runs, with the options checked that name something of them."""
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError(f"--out {arguments.out}: a file; give a folder")
-    panels, labels = read_panels(arguments)
-    wanted = arguments.figures or list(FIGURES)
-    if len(labels) == 1 and "improvement" in wanted:
-        if arguments.figures:
-            raise InputError(f"--figures improvement: needs two methods; there is {labels[0]} only")
-        wanted.remove("improvement")
-    drawn, sections, notes = {}, table.final_section(panels, labels, arguments.metric, arguments.reps), []
-    if "curves" in wanted:
-        drawn["curves"], section, notes = draw_curves(panels, labels, arguments)
-        sections += section
-    if set(wanted) - {"curves"}:
-        try:
-            others, section, more = draw_scores(panels, labels, wanted, arguments)
-        except InputError as error:
-            if arguments.figures or arguments.reference:
-                raise
-            others, section, more = {}, [], [f"No figures of scores: {error}"]
-        drawn |= others
-        sections += section
-        notes = notes + more
-    head = ["# Numbers of the figures", "", f"Brackets: {interval_text(arguments)}; none for a single run.", ""]
-    return drawn, "\n".join(head + sections + table.notes_section(notes))
+    panels = panels_of([read_run(path, arguments.metric) for path in find_runs(arguments.runs)], arguments.merge)
+    labels = sorted({label for panel in panels for label in panel.lines})
+    titles = [panel.title for panel in panels]
+    asked = [("--range", title, [*titles, "efficiency"]) for title, _ in arguments.range]
+    if arguments.baseline:
+        asked.append(("--baseline", arguments.baseline, labels))
+    if arguments.layout == "ablation":
+        asked.append(("--full", arguments.full, labels))
+    for option, name, names in asked:
+        if name not in names:
+            raise InputError(f"{option} {name}: not among the runs; there are {', '.join(names)}")
+    if len(labels) == 1 and "improvement" in (arguments.figures or []):
+        raise InputError(f"--figures improvement: needs two methods; there is {labels[0]} only")
+    return panels
 
 
-def write(drawn, text, out, formats):
+def load():
+    """The modules that draw. They take seconds to load, so that mistakes in the runs are told first."""
+    try:
+        from curves import figures, report
+    # A TypeError is what arch ends with beside pandas 3.
+    except (ImportError, TypeError) as error:
+        sys.exit(f"error: {error}; {NEEDED}")
+    return figures, report
+
+
+def write(save, drawn, text, out, formats):
     """Writes all files beside their places, then moves them there: an error leaves what was there before."""
     out.mkdir(parents=True, exist_ok=True)
     made = {}
@@ -302,8 +151,7 @@ def write(drawn, text, out, formats):
             for kind in formats:
                 path = out / f"{name}.{kind}"
                 made[path] = path.with_suffix(f".{kind}.tmp")
-                figures.save(figure, made[path], kind)
-            plt.close(figure)
+                save(figure, made[path], kind)
         made[out / "table.md"] = out / "table.md.tmp"
         made[out / "table.md"].write_text(text, encoding="utf-8")
         for path, temporary in made.items():
@@ -317,12 +165,14 @@ def write(drawn, text, out, formats):
 def main():
     arguments = parse_arguments()
     try:
-        drawn, text = draw(arguments)
+        panels = read_panels(arguments)
+        figures, report = load()
+        drawn, text = report.draw(panels, arguments)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     try:
-        for path in write(drawn, text, arguments.out, arguments.format):
+        for path in write(figures.save, drawn, text, arguments.out, arguments.format):
             print(path)
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -70,15 +70,6 @@ PALETTE = ["#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#0072B2", "#D
 DASHES = [DASHED, DASH_DOT, DOTTED, LONG, DOUBLE_DOT, SOLID]
 MARKERS = ["o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*"]
 
-METRICS = {
-    "return_mean": "return",
-    "return_std": "deviation of returns",
-    "return_min": "lowest return",
-    "return_max": "highest return",
-    "length_mean": "episode length",
-    "success_rate": "success rate",
-}
-
 
 def ordered(labels):
     """Known labels first, in the order of STYLES, then others by name."""

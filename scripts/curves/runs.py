@@ -23,6 +23,17 @@ COLUMNS = [
     "length_mean",
     "success_rate",
 ]
+# What the columns that can be drawn are called in figures.
+METRICS = {
+    "return_mean": "return",
+    "return_std": "deviation of returns",
+    "return_min": "lowest return",
+    "return_max": "highest return",
+    "length_mean": "episode length",
+    "success_rate": "success rate",
+}
+# Figures that there are, in the order in which they are made.
+FIGURES = ["curves", "aggregate", "improvement", "profiles", "efficiency"]
 # Keys of config.toml that are needed here.
 NEEDED = {"task": str, "seed": int, "steps": int, "evaluation.every": int, "doubled_actions.period": int}
 MAY_BE_ABSENT = {"evaluation.every", "doubled_actions.period"}

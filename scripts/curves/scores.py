@@ -239,7 +239,7 @@ def scores_of(panels, labels, scales, window):
         chosen[label] = [runs[:count] for runs in sorted_runs]
         if any(len(runs) > count for runs in sorted_runs):
             plural = "s" if count > 1 else ""
-            notes.append(f"{label}: the first {count} seed{plural} of each task count, for one task has no more")
+            notes.append(f"{label}: {count} seed{plural} of each task count, for one task has no more")
         for panel, runs in zip(used, sorted_runs, strict=True):
             early = seed_list(run.seed for run in runs[:count] if run.unfinished)
             if early:
@@ -247,6 +247,8 @@ def scores_of(panels, labels, scales, window):
     runs = [run for lines in chosen.values() for line in lines for run in line]
     curves = {id(run): smoothed(run.curve, window) for run in runs}
     steps = common_steps(list(curves.values()))
+    if not steps:
+        raise InputError("no step at which all runs have an evaluation; choose other runs, or --figures curves")
     longest = max(run.last for run in runs)
     final, along = {}, {}
     for label, lines in chosen.items():
