@@ -16,5 +16,5 @@ plot() { "$python" scripts/plot_curves.py "$@"; }
 # Single seeds: curves alone, scores of them would say nothing.
 plot 'results/*-v*' --figures curves --out results/figures
 # One method's collapse would flatten all other curves on Reacher; the figures say what they leave out.
-plot results/methods --range Reacher-v4=-25:0 --range efficiency=-1:2 --out results/methods/figures
+plot results/methods --baseline td3 --range Reacher-v4=-25:0 --range aggregate=-0.5:1.2 --range efficiency=-1:2 --out results/methods/figures
 plot results/comparison --range Reacher-v4=-25:0 --range efficiency=-1:2 --out results/comparison/figures

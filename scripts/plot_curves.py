@@ -96,7 +96,7 @@ def parse_arguments():
         action="append",
         default=[],
         metavar="TASK=LOW:HIGH",
-        help="draw only this range of a panel's curves, or of the figure `efficiency`; may be repeated",
+        help="draw only this range of a panel's curves, or of the figures `aggregate` and `efficiency`; may be repeated",
     )
     add("--baseline", metavar="METHOD", help="improvement over this one only, instead of all pairs")
     add("--reference", type=Path, metavar="FILE", help='TOML of "<task>" = [low, high]: what counts as 0 and 1')
@@ -119,7 +119,7 @@ def read_panels(arguments):
     panels = panels_of([read_run(path, arguments.metric) for path in find_runs(arguments.runs)], arguments.merge)
     labels = sorted({label for panel in panels for label in panel.lines})
     titles = [panel.title for panel in panels]
-    asked = [("--range", title, [*titles, "efficiency"]) for title, _ in arguments.range]
+    asked = [("--range", title, [*titles, "aggregate", "efficiency"]) for title, _ in arguments.range]
     if arguments.baseline:
         asked.append(("--baseline", arguments.baseline, labels))
     if arguments.layout == "ablation":

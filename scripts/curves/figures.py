@@ -236,8 +236,9 @@ def curves(panels, labels, lines, what, notes, ranges, full=None):
     return finish(figure, handles, notes)
 
 
-def aggregate(estimates, labels, runs, notes):
-    """A panel an aggregate metric, a row a label: a mark with its interval. `runs` is `{label: runs a task}`."""
+def aggregate(estimates, labels, runs, notes, limits=None):
+    """A panel an aggregate metric, a row a label: a mark with its interval. `runs` is `{label: runs a task}`, `limits` the range of scores
+    that is drawn."""
     styles = styles_of(labels)
     figure, axes = begin(len(AGGREGATES), len(AGGREGATES), 0.75 + 0.23 * len(labels))
     for number, (axis, name) in enumerate(zip(axes, AGGREGATES, strict=True)):
@@ -253,6 +254,10 @@ def aggregate(estimates, labels, runs, notes):
         # Bars would end at the edge.
         axis.use_sticky_edges = False
         axis.margins(x=0.12)
+        if limits:
+            low, high = limits
+            # The gap is how far scores stay below 1.
+            axis.set_xlim((0, 1 - low) if name == "optimality gap" else (low, high))
     return finish(figure, [], notes)
 
 

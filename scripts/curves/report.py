@@ -103,7 +103,10 @@ def draw_scores(panels, labels, wanted, arguments):
     drawn, sections = {}, table.scale_section(scores, given)
     if "aggregate" in wanted:
         estimates = aggregates(scores, arguments.reps)
-        drawn["aggregate"] = figures.aggregate(estimates, labels, runs, notes)
+        limits = dict(arguments.range).get("aggregate")
+        said = [f"Aggregate metrics: {text}" for text in beyond(estimates, limits)] if limits else []
+        drawn["aggregate"] = figures.aggregate(estimates, labels, runs, notes + said, limits)
+        scores.notes.extend(said)
         sections += table.aggregate_section(estimates, labels)
     if "improvement" in wanted:
         estimates = improvements(scores, arguments.baseline, arguments.reps)
