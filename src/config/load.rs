@@ -159,7 +159,7 @@ pub fn parse(text: &str, path: &Path, overrides: &Overrides) -> Result<Config, C
 pub fn read_resolved(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
     let text = text(path)?;
     let given = given(&text, path, &Overrides::default())?;
-    let keys: Vec<String> = given.0.keys().cloned().collect();
+    let keys: Vec<String> = given.values.keys().cloned().collect();
     let config = parse(&text, path, overrides)?;
     match values(&config).into_keys().find(|key| !keys.contains(key)) {
         None => Ok(config),
@@ -186,45 +186,89 @@ fn given(text: &str, path: &Path, overrides: &Overrides) -> Result<Given, Config
     })?;
 
     let mut given = Given::default();
-    given.add_table(&Source::File(path.to_owned()), "", file);
+    given.add_table(&Source::File(path.to_owned()), "", file)?;
+    given.method_of_file = given.values.get("method").map(|(_, value)| value.clone());
     for (source, key, value) in &overrides.0 {
         match value {
-            Value::Table(table) => given.add_table(source, &format!("{key}."), table.clone()),
-            value => given.add(source, key.clone(), value.clone()),
+            Value::Table(table) if !table.is_empty() => {
+                given.add_table(source, &format!("{key}."), table.clone())?;
+            }
+            value => given.add(source, key.clone(), value.clone())?,
         }
     }
     Ok(given)
 }
 
-/// The values given by the user, by dotted key, each with its source.
+/// Settings that mean nothing while a switch is off. A file may hold them for when it is on.
+const SWITCHED: [(&str, &str); 2] = [
+    ("imagination.decay_rate", "imagination.noise_decay"),
+    ("imagination.bias_factor", "imagination.optimism"),
+];
+
+/// What the user says.
 #[derive(Default)]
-struct Given(BTreeMap<String, (Source, Value)>);
+struct Given {
+    /// The values by dotted key, each with its source.
+    values: BTreeMap<String, (Source, Value)>,
+    /// The method that the file names, whatever an option says.
+    method_of_file: Option<Value>,
+}
 
 impl Given {
-    fn add_table(&mut self, source: &Source, prefix: &str, table: Table) {
+    fn add_table(
+        &mut self,
+        source: &Source,
+        prefix: &str,
+        table: Table,
+    ) -> Result<(), ConfigError> {
         for (key, value) in table {
             let key = format!("{prefix}{key}");
             match value {
                 Value::Table(inner) if !inner.is_empty() => {
-                    self.add_table(source, &format!("{key}."), inner);
+                    self.add_table(source, &format!("{key}."), inner)?;
                 }
-                value => self.add(source, key, value),
+                value => self.add(source, key, value)?,
             }
         }
+        Ok(())
     }
 
-    fn add(&mut self, source: &Source, key: String, value: Value) {
+    fn add(&mut self, source: &Source, written: String, value: Value) -> Result<(), ConfigError> {
         // `task` is an id, or a table that holds it beside what is done to the task.
-        let key = match key.as_str() {
-            "task.id" => "task".to_owned(),
-            wrapper if wrapper.starts_with("task.") => wrapper["task.".len()..].to_owned(),
-            _ => key,
+        let key = match written.strip_prefix("task.") {
+            Some("id") => "task",
+            Some(wrapper) if wrapper.split('.').next() == Some("doubled_actions") => wrapper,
+            _ => &written,
         };
-        self.0.insert(key, (source.clone(), value));
+        let of_file = matches!(source, Source::File(_));
+        if of_file && self.values.contains_key(key) {
+            return Err(ConfigError::WrongValue {
+                origin: source.clone(),
+                value: value.to_string(),
+                expected: format!("one of `{key}` and `task.{key}`, not both"),
+                key: written,
+            });
+        }
+        let key = key.to_owned();
+        self.values.insert(key, (source.clone(), value));
+        Ok(())
+    }
+
+    /// The file's values that an option overrules when it picks another method: those that every run of the file's
+    /// own method has, and runs of the other do not. A run's `config.toml` says them all.
+    fn method_of_file(&self, picked: Method) -> BTreeMap<String, Value> {
+        let named = self.method_of_file.clone();
+        let own = named.map_or(Some(Method::Mamf), |value| Method::deserialize(value).ok());
+        let Some(own) = own.filter(|own| *own != picked) else {
+            return BTreeMap::new();
+        };
+        let [own, picked] = [own, picked].map(|method| values(&Config::preset(method)));
+        let differs = |(key, value): &(String, Value)| picked.get(key) != Some(value);
+        own.into_iter().filter(differs).collect()
     }
 
     fn resolve(self, file: Source) -> Result<Config, ConfigError> {
-        let method = match self.0.get("method") {
+        let method = match self.values.get("method") {
             None => Method::Mamf,
             Some((origin, value)) => {
                 Method::deserialize(value.clone()).map_err(|error| ConfigError::WrongValue {
@@ -240,11 +284,19 @@ impl Given {
         // Wrappers of the task are there only where they are asked for; this tells their types.
         defaults.insert("doubled_actions.period".into(), Value::Integer(200));
 
-        let by_option = matches!(self.0.get("method"), Some((Source::Option(_), _)));
+        let by_option = matches!(self.values.get("method"), Some((Source::Option(_), _)));
+        let overruled = self.method_of_file(method);
         let mut merged = preset;
-        for (key, (origin, value)) in &self.0 {
+        for (key, (origin, value)) in &self.values {
             let Some(default) = defaults.get(key) else {
                 if is_section(key, &defaults) && matches!(value, Value::Table(t) if t.is_empty()) {
+                    if key == "doubled_actions" {
+                        return Err(ConfigError::Missing {
+                            origin: origin.clone(),
+                            key: "doubled_actions.period".into(),
+                            expected: "steps after which the halves change places".into(),
+                        });
+                    }
                     continue;
                 }
                 return Err(unknown(origin, key, value, &defaults));
@@ -256,9 +308,11 @@ impl Given {
                 expected: type_name(default).into(),
             })?;
             if let Some(reason) = method.ignores(key) {
-                // What a file says for its own method may stay there when an option picks another.
-                let overruled = matches!(origin, Source::File(_)) && by_option;
-                if !overruled && value != *default {
+                // What a file says for its own method may stay there when an option picks another, and the
+                // configuration of a run says everything.
+                let of_file = matches!(origin, Source::File(_));
+                let harmless = of_file && (by_option || value == *default);
+                if !harmless {
                     return Err(ConfigError::WrongValue {
                         origin: origin.clone(),
                         key: key.clone(),
@@ -268,11 +322,14 @@ impl Given {
                 }
                 continue;
             }
+            if matches!(origin, Source::File(_)) && overruled.get(key) == Some(&value) {
+                continue;
+            }
             insert(&mut merged, key, value);
         }
 
         let wrong = |key: &str, expected: String| {
-            let (origin, value) = self.0.get(key).cloned().unwrap_or_else(|| {
+            let (origin, value) = self.values.get(key).cloned().unwrap_or_else(|| {
                 (
                     Source::Preset(method),
                     defaults.get(key).cloned().unwrap_or(Value::Boolean(false)),
@@ -285,13 +342,22 @@ impl Given {
                 expected,
             }
         };
+        for (key, switch) in SWITCHED {
+            let by_option = matches!(self.values.get(key), Some((Source::Option(_), _)));
+            if by_option && flattened(&merged).get(switch) == Some(&Value::Boolean(false)) {
+                return Err(wrong(
+                    key,
+                    format!("no such setting while {switch} is false"),
+                ));
+            }
+        }
         let config: Config =
             serde_path_to_error::deserialize(Value::Table(merged)).map_err(|e| {
                 let path = e.path().to_string();
                 let key = path.split('[').next().unwrap_or(&path).to_owned();
                 wrong(&key, expectation(e.inner()))
             })?;
-        if !self.0.contains_key("task") {
+        if !self.values.contains_key("task") {
             return Err(ConfigError::Missing {
                 origin: file,
                 key: "task".into(),
@@ -454,7 +520,7 @@ mod tests {
     fn file_overrides_preset_and_set_overrides_file() {
         let config = load(
             "task = \"Hopper-v4\"\ndiscount = 0.9\n[imagination]\ntarget_filter = true",
-            &["imagination.target_filter=false", "method=td3", "tau=1"],
+            &["method=td3", "tau=1"],
         )
         .unwrap();
         assert_eq!(config.discount, 0.9);
@@ -469,6 +535,88 @@ mod tests {
         let config = load("task = \"Hopper-v4\"", &[]).unwrap();
         let text = config.to_toml();
         assert_eq!(load(&text, &[]).unwrap(), config);
+    }
+
+    /// The configuration of a run of any method is good for another method, whose own settings it then has.
+    #[test]
+    fn an_option_makes_another_method_of_a_resolved_configuration() {
+        for from in Method::ALL {
+            let mut config = Config::preset(from);
+            config.task = "Hopper-v4".into();
+            config.discount = 0.9;
+            for to in Method::ALL {
+                let mut expected = Config::preset(to);
+                expected.task = "Hopper-v4".into();
+                expected.discount = 0.9;
+                let method = format!("method={}", to.name());
+                assert_eq!(load(&config.to_toml(), &[&method]).unwrap(), expected);
+            }
+        }
+        // What is not the method's own stays.
+        let text = "task = \"Hopper-v4\"\n[imagination]\ntarget_filter = false\nnoise_bound = 0.3";
+        let config = load(text, &["method=ma-td3"]).unwrap();
+        assert_eq!(config.imagination.noise_bound, 0.3);
+        let config = load(text, &["method=mamf-sac"]).unwrap();
+        assert!(!config.imagination.target_filter);
+    }
+
+    #[test]
+    fn a_table_of_the_task_holds_its_id_and_its_wrappers_alone() {
+        let table = "[task]\nid = \"Hopper-v4\"\n";
+        let doubled = "doubled_actions = { period = 7 }\n";
+        let config = load(&format!("{table}{doubled}"), &[]).unwrap();
+        assert_eq!(config.doubled_actions.unwrap().period, 7);
+        let m = message(&format!("{table}seed = 2"), &[]);
+        assert!(m.contains("`task.seed`") && m.contains("`seed`"), "{m}");
+        let m = message(&format!("{doubled}{table}{doubled}"), &[]);
+        assert!(
+            m.contains("`task.doubled_actions.period`") && m.contains("not both"),
+            "{m}"
+        );
+        for text in [
+            format!("{table}doubled_actions = {{}}"),
+            format!("doubled_actions = {{}}\n{table}"),
+        ] {
+            let m = message(&text, &[]);
+            assert!(m.contains("missing key `doubled_actions.period`"), "{m}");
+        }
+        let m = message(table, &["doubled_actions={}"]);
+        assert!(
+            m.contains("--set doubled_actions={}") && m.contains("`doubled_actions.period`"),
+            "{m}"
+        );
+    }
+
+    #[test]
+    fn settings_that_mean_nothing_are_refused_by_name() {
+        let task = "task = \"Hopper-v4\"\n";
+        for (sets, parts) in [
+            (
+                &["method=td3", "imagination.target_filter=false"][..],
+                ["target_filter", "`td3`"],
+            ),
+            (
+                &["method=td3", "temperature.initial=0.1"],
+                ["temperature.initial", "`td3`"],
+            ),
+            (&["expansion.horizon=3"], ["expansion.horizon", "`mamf`"]),
+            (
+                &[
+                    "imagination.noise_decay=false",
+                    "imagination.decay_rate=0.5",
+                ],
+                ["imagination.decay_rate", "imagination.noise_decay is false"],
+            ),
+            (
+                &["imagination.optimism=false", "imagination.bias_factor=0.5"],
+                ["imagination.bias_factor", "imagination.optimism is false"],
+            ),
+        ] {
+            let m = message(task, sets);
+            assert!(parts.iter().all(|part| m.contains(part)), "{sets:?}: {m}");
+        }
+        let file = format!("{task}[imagination]\nbias_factor = 0.5\n");
+        assert!(load(&file, &["imagination.optimism=false"]).is_ok());
     }
 
     #[test]
@@ -515,7 +663,7 @@ mod tests {
                 "imagination.decay_rate=1.1",
                 ["`imagination.decay_rate`", "1.1", "at most 1"],
             ),
-            ("batch_size=0", ["`batch_size`", "0", "at least 1"]),
+            ("batch_size=1", ["`batch_size`", "1", "at least 2"]),
             (
                 "batch_size=30000",
                 ["`batch_size`", "30000", "random_steps (25000)"],

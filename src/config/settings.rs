@@ -319,7 +319,7 @@ impl Config {
                 every: 5_000,
                 episodes: 10,
             },
-            telemetry: Telemetry { states: 64 },
+            telemetry: Telemetry { states: 256 },
             video: Video::default(),
             checkpoint: Checkpoint {
                 every: 50_000,

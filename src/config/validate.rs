@@ -13,7 +13,10 @@ pub(super) struct Violation {
 pub(super) fn check(config: &Config) -> Result<(), Violation> {
     let c = config;
     positive("steps", c.steps)?;
-    positive("batch_size", c.batch_size as u64)?;
+    if c.batch_size < 2 {
+        // A minibatch is updated in two halves.
+        return violation("batch_size", "at least 2".into());
+    }
     positive("policy_delay", c.policy_delay)?;
     positive("critic_updates", c.critic_updates)?;
     at_most("critic_updates", c.critic_updates, 1_000)?;

@@ -328,6 +328,30 @@ mod tests {
         }
     }
 
+    /// Where the time limit and a switch coincide, and where they do not, the last observation has the phase of the
+    /// step that would follow.
+    #[test]
+    fn an_episode_is_cut_at_the_edge_of_a_phase() {
+        for (period, last) in [(10, 1.0), (25, 0.0), (50, 1.0), (49, 1.0), (51, 0.0)] {
+            let (plain, mut wrapped, _) = made("Reacher-v4", period);
+            let limit = plain.spec().max_episode_steps;
+            assert_eq!(limit, 50);
+            let mut obs = vec![0.0; 12];
+            for seed in 0..2 {
+                wrapped.reset(&mut stream(seed, "env"), &mut obs);
+                assert_eq!(obs[11], 0.0, "period {period}");
+                for t in 1..=limit {
+                    let step = wrapped.step(&[0.1, 0.2, -0.3, 0.4], &mut obs);
+                    let at_end = (step.terminated, step.truncated);
+                    assert_eq!(at_end, (false, t == limit), "period {period}, step {t}");
+                    let phase = f64::from(u8::from((t / period) % 2 == 1));
+                    assert_eq!(obs[11], phase, "period {period}, step {t}");
+                }
+                assert_eq!(obs[11], last, "period {period}");
+            }
+        }
+    }
+
     #[test]
     fn a_restored_state_keeps_its_phase_and_the_time_limit() {
         let (_, mut wrapped, _) = made("Reacher-v4", 7);

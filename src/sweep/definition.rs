@@ -364,7 +364,7 @@ mod tests {
             (
                 "batch_size = 10",
                 "batch_size = 0",
-                ["reacher/mamf/seed-3", "at least 1"],
+                ["reacher/mamf/seed-3", "at least 2"],
             ),
             ("batch_size", "batchsize", ["`batchsize`", "`batch_size`"]),
             ("[settings]", "[settings", ["line 3", "e.toml"]),
