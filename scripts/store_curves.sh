@@ -3,27 +3,29 @@
 #
 #   scripts/store_curves.sh runs/comparison results/comparison
 #
-# All runs below the first folder go to the same places below the second one. Runs that are there already with other curves
-# are an error; nothing of them is replaced.
+# All runs below the first folder go to the same places below the second one. Where another run is there already,
+# nothing is copied at all.
 set -euo pipefail
 
-if (($# != 2)) || [[ ! -d $1 ]]; then
-    echo "store_curves.sh: two folders are needed: one of runs, and where their curves go" >&2
+fail() {
+    echo "store_curves.sh: $*" >&2
     exit 2
-fi
+}
+
+(($# == 2)) && [[ -d $1 ]] || fail "two folders are needed: one of runs, and where their curves go"
 from=${1%/} to=${2%/}
+[[ ! $from -ef $to ]] || fail "$to: the runs are there; name another folder"
 kept=(config.toml run.json train.csv eval.csv timing.csv)
 
 mapfile -t runs < <(cd "$from" && find . -name eval.csv -printf '%P\n' | sed 's|/*eval.csv$||' | sort)
-if ((${#runs[@]} == 0)); then
-    echo "store_curves.sh: $from: no run there, that is, no directory that holds an eval.csv" >&2
-    exit 2
-fi
+((${#runs[@]} > 0)) || fail "$from: no run there, that is, no directory that holds an eval.csv"
 for run in "${runs[@]}"; do
-    if [[ -e $to/$run/eval.csv ]] && ! cmp --silent "$from/$run/eval.csv" "$to/$run/eval.csv"; then
-        echo "store_curves.sh: $to/$run: other curves are there; remove them first, or name another folder" >&2
-        exit 1
-    fi
+    for file in "${kept[@]}"; do
+        [[ -f $from/$run/$file ]] || fail "$from/$run: $file is missing; nothing is copied"
+        if [[ -e $to/$run/$file ]] && ! cmp --silent "$from/$run/$file" "$to/$run/$file"; then
+            fail "$to/$run: another run is there, with another $file; remove it first, or name another folder"
+        fi
+    done
 done
 for run in "${runs[@]}"; do
     mkdir -p "$to/$run"

@@ -1,5 +1,6 @@
 //! `mamf train` and `mamf eval`, end to end.
 
+#[allow(dead_code)]
 mod common;
 
 use common::{Place, config, messages, small_run, stderr};

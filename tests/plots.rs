@@ -5,7 +5,7 @@
 #[allow(dead_code)]
 mod common;
 
-use common::{Place, stderr};
+use common::{Place, skipped, stderr};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -35,8 +35,8 @@ fn python() -> Option<&'static Path> {
             .then_some(python)
     });
     if found.is_none() {
-        println!(
-            "skipped: no Python with matplotlib, pandas and rliable; scripts/setup.sh --plots makes one"
+        skipped(
+            "no Python with matplotlib, pandas and rliable; scripts/setup.sh --plots makes one",
         );
     }
     found.as_deref()

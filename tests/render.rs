@@ -4,7 +4,7 @@
 #[allow(dead_code)]
 mod common;
 
-use common::{Place, small_run, stderr};
+use common::{Place, skipped, small_run, stderr};
 use mamf::env::{self, Start};
 use mamf::random::stream;
 use mamf::render::{Film, Painter, Picture, available};
@@ -17,7 +17,7 @@ fn can_draw() -> bool {
     match available() {
         Ok(_) => true,
         Err(error) => {
-            println!("skipped: {error}");
+            skipped(&error.to_string());
             false
         }
     }

@@ -1,5 +1,6 @@
 //! Runs that are interrupted, killed, damaged or changed, and go on: `mamf train --resume`.
 
+#[allow(dead_code)]
 mod common;
 
 use common::{Place, messages, small_run, stderr};

@@ -3,7 +3,7 @@
 #[allow(dead_code)]
 mod common;
 
-use common::{Place, SMALL, config, messages, stderr};
+use common::{Place, SMALL, config, messages, skipped, stderr};
 use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Command, Output, Stdio};
@@ -514,7 +514,7 @@ fn slurm(program: &str, arguments: &[&str]) {
 #[test]
 fn a_real_array_ends_with_the_same_bytes_however_it_is_disturbed() {
     let Some(node) = node() else {
-        println!("skipped: no Slurm here (scripts/slurm_local.sh sets one up)");
+        skipped("no Slurm here (scripts/slurm_local.sh sets one up)");
         return;
     };
     let place = Place::new();

@@ -57,7 +57,7 @@ fn all_runs_are_made_and_made_only_once() {
             .unwrap()
             .parse()
             .unwrap();
-        let told = format!("small/{run}: finished, return {last:.1} (");
+        let told = format!("small/{run}: finished, return {last:.1}  ");
         assert!(said.contains(&told), "{told}: {said}");
         assert!(
             place

@@ -257,7 +257,11 @@ def aggregate(estimates, labels, runs, notes, limits=None):
         if limits:
             low, high = limits
             # The gap is how far scores stay below 1.
-            axis.set_xlim((0, 1 - low) if name == "optimality gap" else (low, high))
+            low, high = (0, 1 - low) if name == "optimality gap" else (low, high)
+            axis.set_xlim(low, high)
+            for row, value in enumerate(estimates[label].value[number] for label in labels):
+                if not low <= value <= high:
+                    point_beyond(axis, row, value, value < low)
     return finish(figure, [], notes)
 
 
@@ -273,6 +277,13 @@ def draw_interval(axis, row, estimate, number, style):
         axis.barh(row, high - low, left=low, height=0.55, color=colour, alpha=0.35, linewidth=0)
     axis.plot(estimate.value[number], row, marker=marker, color=colour, markersize=5, markeredgewidth=0)
     axis.plot([estimate.value[number]] * 2, [row - 0.275, row + 0.275], color="black", linewidth=0.9)
+
+
+def point_beyond(axis, row, value, is_below):
+    """Says at the edge where a mark would be that is beyond it."""
+    edge, side = (0.03, "left") if is_below else (0.97, "right")
+    text = f"← {value:.2g}" if is_below else f"{value:.2g} →"
+    axis.text(edge, row, text, transform=axis.get_yaxis_transform(), ha=side, va="center", fontsize=8)
 
 
 def format_rows(axis, names):

@@ -100,21 +100,29 @@ def draw_scores(panels, labels, wanted, arguments):
     how = f"{tasks}{some if max(runs.values()) > 1 else ', single runs: no intervals'}."
     scale = f"Score: 0 is low, 1 is high; {given} of each task (see table.md)."
     notes = [how, scale, *scores.notes]
+    # What single figures leave out, for the table.
+    cut = []
     drawn, sections = {}, table.scale_section(scores, given)
     if "aggregate" in wanted:
         estimates = aggregates(scores, arguments.reps)
         limits = dict(arguments.range).get("aggregate")
         said = [f"Aggregate metrics: {text}" for text in beyond(estimates, limits)] if limits else []
         drawn["aggregate"] = figures.aggregate(estimates, labels, runs, notes + said, limits)
-        scores.notes.extend(said)
+        cut += said
         sections += table.aggregate_section(estimates, labels)
     if "improvement" in wanted:
         estimates = improvements(scores, arguments.baseline, arguments.reps)
-        drawn["improvement"] = figures.improvement(estimates, labels, [how, *scores.notes])
+        bare = any(x.low is not None and x.low[0] == x.high[0] for x in estimates.values())
+        said = ["A mark without a bar: every resample gives this number, for in each task one method has all"
+                " runs above the other's."] if bare else []
+        drawn["improvement"] = figures.improvement(estimates, labels, [how, *said, *scores.notes])
         sections += table.improvement_section(estimates)
     if "profiles" in wanted:
         thresholds, estimates = profiles(scores, arguments.reps)
-        drawn["profiles"] = figures.profile(thresholds, estimates, labels, runs, notes)
+        lowest = {label: final.min() for label, final in scores.final.items()}
+        below = [label for label in labels if lowest[label] < thresholds[0]]
+        said = [f"Profiles: drawn from {thresholds[0]:g} on, below which are runs of {', '.join(below)}."]
+        drawn["profiles"] = figures.profile(thresholds, estimates, labels, runs, notes + (said if below else []))
         sections += table.profile_section(thresholds, estimates, labels)
     if "efficiency" in wanted:
         estimates = efficiency(scores, arguments.reps)
@@ -124,9 +132,9 @@ def draw_scores(panels, labels, wanted, arguments):
             end, longest = short(int(scores.steps[-1])), short(scores.longest)
             said.append(f"Drawn to {end} of {longest} steps, the last one at which all runs have an evaluation.")
         drawn["efficiency"] = figures.efficiency(scores.steps, estimates, labels, runs, notes + said, limits)
-        scores.notes.extend(said)
+        cut += said
         sections += table.efficiency_section(scores.steps, estimates, labels)
-    return drawn, sections, scores.notes
+    return drawn, sections, scores.notes + cut
 
 
 def draw(panels, arguments):

@@ -127,11 +127,16 @@ def read_run(path, metric):
     return Run(path, task, group, label, config["seed"], steps - steps % every, read_curve(path, metric))
 
 
+# What is read of a run directory.
+RUN_FILES = ["config.toml", "run.json", "eval.csv"]
+
+
 def read_text(path):
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError(f"{path}: missing; a run directory holds config.toml, run.json and eval.csv") from None
+        hint = "; a run directory holds config.toml, run.json and eval.csv"
+        raise InputError(f"{path}: no such file{hint if path.name in RUN_FILES else ''}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: can't be read as text: {error}") from None
 

@@ -231,19 +231,26 @@ def scores_of(panels, labels, scales, window):
             used.append(panel)
     if not used:
         raise InputError("no task to aggregate over: " + "; ".join(notes))
+    # Steps that each task's runs are meant to have.
+    ends = [
+        max(max(run.last, run.planned) for line in panel.lines.values() for run in line) for panel in used
+    ]
     chosen = {}
     for label in labels:
         count = min(len(panel.lines[label]) for panel in used)
-        # Whole runs rather than unfinished ones.
-        sorted_runs = [sorted(panel.lines[label], key=lambda run: (run.unfinished, run.seed)) for panel in used]
+        # Whole runs rather than those that end early.
+        sorted_runs = [
+            sorted(panel.lines[label], key=lambda run, end=end: (run.last < end, run.seed))
+            for panel, end in zip(used, ends, strict=True)
+        ]
         chosen[label] = [runs[:count] for runs in sorted_runs]
         if any(len(runs) > count for runs in sorted_runs):
             plural = "s" if count > 1 else ""
             notes.append(f"{label}: {count} seed{plural} of each task count, for one task has no more")
-        for panel, runs in zip(used, sorted_runs, strict=True):
-            early = seed_list(run.seed for run in runs[:count] if run.unfinished)
-            if early:
-                notes.append(f"{panel.title}, {label}: seed {early} counts as far as it went")
+        for panel, end, runs in zip(used, ends, sorted_runs, strict=True):
+            for run in (run for run in runs[:count] if run.last < end):
+                went = f"counts as far as it went, {short(run.last)} of {short(end)} steps"
+                notes.append(f"{panel.title}, {label}: seed {run.seed} {went}")
     runs = [run for lines in chosen.values() for line in lines for run in line]
     curves = {id(run): smoothed(run.curve, window) for run in runs}
     steps = common_steps(list(curves.values()))

@@ -35,7 +35,9 @@ def cell(estimate, index=None):
 def table(header, rows):
     """Markdown lines of a table."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return lines + ["| " + " | ".join(row) + " |" for row in rows] + [""]
+    # A folder may have any name.
+    cells = [[cell.replace("|", "\\|") for cell in row] for row in rows]
+    return lines + ["| " + " | ".join(row) + " |" for row in cells] + [""]
 
 
 def section(heading, text, header, rows):

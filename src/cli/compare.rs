@@ -241,14 +241,21 @@ fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
                 "A better in"
             ])
         )?;
-        print_measured(&mut out, whole, &task.final_value, task)?;
-        print_measured(&mut out, &format!("mean {what} (area)"), &task.area, task)?;
+        print_measured(&mut out, whole, &task.final_value, task, number)?;
+        print_measured(
+            &mut out,
+            &format!("mean {what} (area)"),
+            &task.area,
+            task,
+            number,
+        )?;
         let threshold = number(task.threshold);
         print_measured(
             &mut out,
             &format!("steps to {threshold}"),
             &task.steps_to_threshold,
             task,
+            whole_number,
         )?;
         let [a, b] = task.reached;
         let n = task.seeds.len();
@@ -277,11 +284,13 @@ fn print_measured(
     what: &str,
     measured: &Measured,
     task: &TaskComparison,
+    print: fn(f64) -> String,
 ) -> std::io::Result<()> {
+    let signed = |value: f64| with_sign(value, print);
     let line = row([
         what,
-        &number(measured.a),
-        &number(measured.b),
+        &print(measured.a),
+        &print(measured.b),
         &signed(measured.difference.value),
         &interval(&measured.difference, signed),
         &probability(&measured.improvement),
@@ -310,7 +319,7 @@ fn print_overall(out: &mut impl Write, all: &Overall, tasks: usize) -> std::io::
     Ok(())
 }
 
-fn interval(estimate: &Estimate, print: fn(f64) -> String) -> String {
+fn interval(estimate: &Estimate, print: impl Fn(f64) -> String) -> String {
     match estimate.interval {
         None => "-".to_owned(),
         Some(Interval { low, high }) => format!("{} to {}", print(low), print(high)),
@@ -326,8 +335,16 @@ fn probability(estimate: &Estimate) -> String {
 }
 
 fn signed(value: f64) -> String {
+    with_sign(value, number)
+}
+
+fn with_sign(value: f64, print: fn(f64) -> String) -> String {
     let sign = if value > 0.0 { "+" } else { "" };
-    format!("{sign}{}", number(value))
+    format!("{sign}{}", print(value))
+}
+
+fn whole_number(value: f64) -> String {
+    format!("{value:.0}")
 }
 
 /// Four digits or so.

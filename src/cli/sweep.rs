@@ -65,6 +65,13 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let default = || PathBuf::from("runs").join(&sweep.name);
     let out = args.out.clone().unwrap_or_else(default);
     let runs = args.chosen(sweep.runs)?;
+    if out.exists() && !out.is_dir() {
+        let reason = format!(
+            "--out {}: not a directory; runs go to a folder",
+            out.display()
+        );
+        return Err(Misuse(reason).into());
+    }
     if args.dry_run {
         list(&runs, &out)?;
         return Ok(ExitCode::SUCCESS);
@@ -97,7 +104,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             wait_for_former(&plan.out.join(&run.name), &stop);
         }
     }
-    let mut table = Table::new(runs.len());
+    let mut table = Table::new(&runs);
     let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
     conclude(&outcomes, &plan)
@@ -237,14 +244,17 @@ struct Table {
     bars: Option<MultiProgress>,
     all: ProgressBar,
     running: BTreeMap<String, ProgressBar>,
-    /// Last return of those that have one.
-    returns: BTreeMap<String, f64>,
+    /// How far those are that run, and when they were seen to come there.
+    progress: BTreeMap<String, (Progress, Instant)>,
     ended: usize,
     count: usize,
+    /// Length of the longest name.
+    width: usize,
 }
 
 impl Table {
-    fn new(count: usize) -> Table {
+    fn new(runs: &[PlannedRun]) -> Table {
+        let count = runs.len();
         let bars = std::io::stderr().is_terminal().then(MultiProgress::new);
         let all = match &bars {
             None => ProgressBar::hidden(),
@@ -260,9 +270,10 @@ impl Table {
             bars,
             all,
             running: BTreeMap::new(),
-            returns: BTreeMap::new(),
+            progress: BTreeMap::new(),
             ended: 0,
             count,
+            width: runs.iter().map(|run| run.name.len()).max().unwrap_or(0),
         }
     }
 
@@ -286,6 +297,17 @@ impl Table {
     }
 }
 
+/// Last return and rate of a run.
+fn in_words(progress: &Progress) -> String {
+    let value = progress
+        .return_mean
+        .map(|value| format!("return {value:.1}"));
+    let rate = progress.steps_per_second;
+    let rate = rate.map(|rate| format!("{rate:.0} steps/s"));
+    let words: Vec<String> = value.into_iter().chain(rate).collect();
+    words.join("  ")
+}
+
 impl Watcher for Table {
     fn began(&mut self, run: &PlannedRun, step: u64) {
         let Some(bars) = &self.bars else {
@@ -296,9 +318,11 @@ impl Watcher for Table {
             };
             return tell(&format!("{}: {how}", run.name));
         };
-        let style = ProgressStyle::with_template(
-            "{prefix:32!} {bar:20} {human_pos:>9}/{human_len} steps  {msg}",
+        let (width, template) = (
+            self.width,
+            "{bar:20} {human_pos:>9}/{human_len} steps  {msg}",
         );
+        let style = ProgressStyle::with_template(&format!("{{prefix:{width}}} {template}"));
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::new(run.config.steps).with_style(style);
         let bar = bars.insert_before(&self.all, bar);
@@ -309,21 +333,23 @@ impl Watcher for Table {
     }
 
     fn proceeds(&mut self, run: &PlannedRun, progress: Progress) {
-        if let Some(return_mean) = progress.return_mean {
-            self.returns.insert(run.name.clone(), return_mean);
+        let now = Instant::now();
+        let last = self.progress.entry(run.name.clone());
+        let last = last.or_insert((progress, now));
+        if last.0 != progress {
+            *last = (progress, now);
         }
+        let since = last.1.elapsed().as_secs_f64();
         let Some(bar) = self.running.get(&run.name) else {
             return;
         };
         bar.set_position(progress.step);
-        let mut message = String::new();
-        if let Some(return_mean) = progress.return_mean {
-            message += &format!("return {return_mean:.1}");
-        }
+        let mut message = in_words(&progress);
         if let Some(rate) = progress.steps_per_second.filter(|rate| *rate > 0.0) {
-            let left = run.config.steps.saturating_sub(progress.step) as f64 / rate;
-            let left = indicatif::HumanDuration(std::time::Duration::from_secs_f64(left));
-            message += &format!("  {rate:.0} steps/s  {left:#} left");
+            // A run tells of itself at evaluations only; between them the time goes on.
+            let left = run.config.steps.saturating_sub(progress.step) as f64 / rate - since;
+            let left = Duration::from_secs_f64(left.max(0.0));
+            message += &format!("  {:#} left", indicatif::HumanDuration(left));
         }
         bar.set_message(message);
     }
@@ -335,8 +361,10 @@ impl Watcher for Table {
         self.ended += 1;
         self.all.set_position(self.ended as u64);
         self.count();
-        let last = self.returns.remove(&run.name);
-        let last = last.map_or(String::new(), |last| format!(", return {last:.1}"));
+        let last = self.progress.remove(&run.name);
+        let last = last.map(|(progress, _)| in_words(&progress));
+        let last = last.filter(|last| !last.is_empty());
+        let last = last.map_or(String::new(), |last| format!(", {last}"));
         let how = match ended {
             Ended::Finished => "finished",
             Ended::Interrupted => "interrupted",

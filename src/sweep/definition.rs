@@ -147,6 +147,11 @@ impl Sweep {
                     flatten("", table, &mut settings);
                 }
                 settings.extend(changes.settings.iter().cloned());
+                if let Some((key, instead)) = settings.iter().find_map(|s| decided(s)) {
+                    return Err(wrong(format!(
+                        "variant {variant}: `{key}` is not a setting of an experiment; {instead}"
+                    )));
+                }
                 for &seed in seeds {
                     let run = format!("{config}/{variant}/seed-{seed}");
                     let resolved = resolve(file_of_config, &settings, seed);
@@ -167,6 +172,17 @@ impl Sweep {
         }
         Ok(sweep)
     }
+}
+
+/// The key of a setting that the experiment itself decides for each run, and what to use instead.
+fn decided(setting: &str) -> Option<(&str, &'static str)> {
+    let key = setting.split('=').next().unwrap_or(setting).trim();
+    let instead = match key {
+        "seed" => "`seeds` or --seeds say which there are",
+        "compute.threads" => "--jobs says among how many runs the cores are divided",
+        _ => return None,
+    };
+    Some((key, instead))
 }
 
 /// The configuration of a run, as `mamf train` would make it of the same words.
@@ -367,6 +383,12 @@ mod tests {
                 ["reacher/mamf/seed-3", "at least 2"],
             ),
             ("batch_size", "batchsize", ["`batchsize`", "`batch_size`"]),
+            ("batch_size = 10", "seed = 4", ["`seed`", "`seeds`"]),
+            (
+                "batch_size = 10",
+                "compute = { threads = 2 }",
+                ["`compute.threads`", "--jobs"],
+            ),
             ("[settings]", "[settings", ["line 3", "e.toml"]),
         ] {
             let message = changed(from, to);

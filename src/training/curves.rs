@@ -78,8 +78,8 @@ pub enum CurveError {
     Empty(PathBuf),
     /// Its columns are others.
     #[error(
-        "{}: its columns are {found}, those of eval.csv are {}; it is another file, or another version wrote it (mamf {} by run.json, this is mamf {})",
-        path.display(), EVAL_COLUMNS.join(","), version.as_deref().unwrap_or("?"), env!("CARGO_PKG_VERSION")
+        "{}: its columns are {found}, those of eval.csv are {}; it is another file, or another version wrote it{}",
+        path.display(), EVAL_COLUMNS.join(","), versions(version.as_deref())
     )]
     Columns {
         /// The file.
@@ -99,6 +99,15 @@ pub enum CurveError {
         /// What is wrong, and what would be right.
         reason: String,
     },
+}
+
+/// The version that wrote a curve and ours, where they differ.
+fn versions(theirs: Option<&str>) -> String {
+    let ours = env!("CARGO_PKG_VERSION");
+    match theirs.filter(|theirs| *theirs != ours) {
+        Some(theirs) => format!(": mamf {theirs} by run.json, this is mamf {ours}"),
+        None => String::new(),
+    }
 }
 
 /// Reads the `eval.csv` of a run: at least one row, steps growing, returns finite.
