@@ -1,68 +1,17 @@
 //! An agent: a base algorithm, its critics, and what is added to their update.
 
 use super::base::{self, ActorBatch, Base};
-use super::critics::{CriticRows, Critics};
-use super::{AgentSettings, ExpandedTargets, Figures, ImaginaryTargets, Policy, Sample};
-use crate::imagination::{DynamicsModel, Imagination, ModelBatch, World};
+use super::critics::Critics;
+use super::{
+    AgentSettings, Augmentation, ExpandedTargets, Figures, ImaginaryTargets, Policy, Sample,
+};
+use crate::imagination::{DynamicsModel, ModelBatch};
 use crate::nn::{Gradient, Memory, Mlp, ObservationScaling, WeightError, Weights, rows_of};
 use crate::parallel::{halves, join};
 use crate::random::Stream;
 use crate::replay::Batch;
 use burn::tensor::Device;
 use std::ops::Range;
-
-/// What is added to the critics' update.
-pub enum Augmentation {
-    /// Nothing: the base algorithm.
-    None,
-    /// Imaginary transitions by other actions (paper, section 4).
-    Imagination(Imagination),
-    /// Targets over imagined steps (Feinberg et al. 2018).
-    Expansion {
-        /// Where actions lead.
-        world: World,
-        /// Imagined steps after the real one, at least 1.
-        horizon: usize,
-    },
-}
-
-impl Augmentation {
-    /// The world that is imagined, if any.
-    pub fn world(&self) -> Option<&World> {
-        match self {
-            Augmentation::None => None,
-            Augmentation::Imagination(imagination) => Some(&imagination.world),
-            Augmentation::Expansion { world, .. } => Some(world),
-        }
-    }
-
-    fn remember(&self, memory: &mut Memory) {
-        if let Some(world) = self.world() {
-            world.model.save_optimizer(memory);
-        }
-        if let Augmentation::Imagination(imagination) = self {
-            imagination.remember(memory);
-        }
-    }
-
-    fn restore(&mut self, memory: &Memory) -> Result<(), WeightError> {
-        if let Some(world) = self.world_mut() {
-            world.model.restore_optimizer(memory)?;
-        }
-        match self {
-            Augmentation::Imagination(imagination) => imagination.restore(memory),
-            _ => Ok(()),
-        }
-    }
-
-    fn world_mut(&mut self) -> Option<&mut World> {
-        match self {
-            Augmentation::None => None,
-            Augmentation::Imagination(imagination) => Some(&mut imagination.world),
-            Augmentation::Expansion { world, .. } => Some(world),
-        }
-    }
-}
 
 /// A point of the space base algorithm x augmentation: TD3 with imagination is MAMF (paper,
 /// Algorithm 1, lines 18 to 26).
@@ -74,6 +23,16 @@ pub struct Agent {
     pub(super) critics: Critics,
     augmentation: Augmentation,
     updates: u64,
+}
+
+/// What an augmentation sees of an update.
+pub(super) struct Seen<'a> {
+    /// Transitions and noise.
+    pub sample: &'a Sample,
+    /// Observations of the batch, scaled, `[n, obs_size]`.
+    pub obs: &'a [f32],
+    /// How next observations are scaled.
+    pub scaling: &'a ObservationScaling,
 }
 
 /// What the critics of one update are trained towards.
@@ -255,51 +214,37 @@ impl Agent {
         let batch = &sample.batch;
         let obs = scaling.scale(&batch.obs);
         let observed = self.observe(&obs, &batch.previous_action);
-        let expands = matches!(augmentation, Augmentation::Expansion { .. });
 
         // The real targets don't need the model: each thread takes half of both.
         let modelling = augmentation.world().zip(sample.model.as_ref());
+        let needs_real = !augmentation.replaces_targets();
         let [first, second] = halves(batch.rows, |range| {
             let gradient = modelling.map(|(world, draws)| {
                 model_gradient(&world.model, &draws.batch, range.clone(), scaling)
             });
-            let y = if expands {
-                Vec::new()
-            } else {
+            let y = if needs_real {
                 self.real_targets(sample, range, scaling)
+            } else {
+                Vec::new()
             };
             (gradient, y)
         });
+        let gradients = first.0.zip(second.0);
+        let gradient = gradients.map(|(first, second)| Gradient::sum([first, second]));
         let mut targets = Targets {
             observed,
             y: [first.1, second.1].concat(),
             imaginary: None,
             expanded: None,
-            model_loss: None,
+            model_loss: gradient.as_ref().map(Gradient::loss),
         };
-        let gradients = first.0.zip(second.0);
-        let gradient = gradients.map(|(first, second)| Gradient::sum([first, second]));
-        targets.model_loss = gradient.as_ref().map(Gradient::loss);
-        match (augmentation, gradient) {
-            (Augmentation::Imagination(imagination), Some(gradient)) => {
-                let observed = &targets.observed;
-                let ((), policy) = join(
-                    || imagination.world.model.step(gradient),
-                    || self.base.output(observed),
-                );
-                let y = &targets.y;
-                let imaginary =
-                    self.imaginary_targets(imagination, sample, &obs, &policy, y, scaling);
-                targets.imaginary = Some(imaginary);
-            }
-            (Augmentation::Expansion { world, horizon }, Some(gradient)) => {
-                world.model.step(gradient);
-                let observed = &targets.observed;
-                let expanded = self.expanded_targets(world, *horizon, sample, observed, scaling);
-                targets.y.clone_from(&expanded.positions[0].y);
-                targets.expanded = Some(expanded);
-            }
-            _ => (),
+        if let Some(gradient) = gradient {
+            let seen = Seen {
+                sample,
+                obs: &obs,
+                scaling,
+            };
+            augmentation.augment(self, gradient, &seen, &mut targets);
         }
         targets
     }
@@ -328,7 +273,7 @@ impl Agent {
     /// Steps of the critics alone.
     pub fn learn_critics(&mut self, sample: &Sample, targets: &Targets) -> Figures {
         let rows = sample.batch.rows;
-        let (losses, values) = self.critics.step(self.critic_rows(&sample.batch, targets));
+        let (losses, values) = self.critics.step(targets.rows(&sample.batch));
         Figures {
             critic_losses: losses,
             q_mean: values[..rows].iter().sum::<f32>() / rows as f32,
@@ -337,21 +282,6 @@ impl Agent {
             model_loss: targets.model_loss,
             imagination: targets.imaginary.as_ref().map(|i| i.figures(rows)),
         }
-    }
-
-    /// The real rows first, then what augments them, in one batch.
-    fn critic_rows(&self, batch: &Batch, targets: &Targets) -> CriticRows {
-        if let Some(expanded) = &targets.expanded {
-            return expanded.rows();
-        }
-        let width = targets.observed.len() / batch.rows;
-        let mut rows = CriticRows::default();
-        let weight = 1.0 / batch.rows as f32;
-        rows.extend(&targets.observed, width, &batch.action, &targets.y, weight);
-        if let Some(imaginary) = &targets.imaginary {
-            imaginary.extend(&mut rows, &targets.observed, batch);
-        }
-        rows
     }
 
     pub(super) fn observe(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {

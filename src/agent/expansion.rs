@@ -1,6 +1,7 @@
 //! Model-based value expansion (Feinberg et al. 2018): targets over imagined steps, every one of whose
 //! states trains the critics.
 
+use super::agent::Seen;
 use super::critics::CriticRows;
 use super::{Agent, Sample};
 use crate::imagination::World;
@@ -43,10 +44,10 @@ impl Agent {
         &self,
         world: &World,
         horizon: usize,
-        sample: &Sample,
+        seen: &Seen<'_>,
         observed: &[f32],
-        scaling: &ObservationScaling,
     ) -> ExpandedTargets {
+        let (sample, scaling) = (seen.sample, seen.scaling);
         let half =
             |range: Range<usize>| self.expand(world, horizon, sample, observed, range, scaling);
         let [first, second] = halves(sample.batch.rows, half);

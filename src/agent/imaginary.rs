@@ -1,10 +1,11 @@
 //! Imaginary transitions of the same states by other actions (paper, equations 7 to 10).
 
+use super::agent::Seen;
 use super::critics::{CriticRows, Values};
-use super::{Agent, ImaginationDraws, ImaginationFigures, Sample};
+use super::{Agent, ImaginationDraws, ImaginationFigures, Sample, Targets};
 use crate::imagination::{Imagination, Imagined, Kept};
-use crate::nn::{ObservationScaling, rows_of};
-use crate::parallel::halves;
+use crate::nn::{Gradient, ObservationScaling, rows_of};
+use crate::parallel::{halves, join};
 use crate::replay::Batch;
 use std::ops::Range;
 
@@ -26,28 +27,37 @@ pub struct ImaginaryTargets {
 }
 
 impl Agent {
-    /// Imaginary actions, where they lead, their targets and which of them are kept. `policy` is the
-    /// deterministic output of the policy for the batch.
+    /// The step of the model; then imaginary actions, where they lead, their targets and which of them are kept.
     pub(super) fn imaginary_targets(
         &self,
         imagination: &mut Imagination,
-        sample: &Sample,
-        obs: &[f32],
-        policy: &[f32],
-        y: &[f32],
-        scaling: &ObservationScaling,
+        gradient: Gradient,
+        seen: &Seen<'_>,
+        targets: &Targets,
     ) -> ImaginaryTargets {
+        let Seen {
+            sample,
+            obs,
+            scaling,
+        } = *seen;
         let batch = &sample.batch;
+        // What the policy does in the batch's states does not need the model.
+        let ((), policy) = join(
+            || imagination.world.model.step(gradient),
+            || self.base.output(&targets.observed),
+        );
         let noise_bound = imagination.noise_bound();
-        let seen = &*imagination;
-        let half = |range| self.imagine_rows(seen, sample, obs, policy, range, scaling);
+        let read = &*imagination;
+        let half = |range| self.imagine_rows(read, sample, obs, &policy, range, scaling);
         let [first, second] = halves(batch.rows, half);
         let action = [first.action, second.action].concat();
         let y_hat = [first.y_hat, second.y_hat].concat();
         let disagreement = [first.values.disagreement, second.values.disagreement].concat();
         imagination.decay_noise();
         let uniform = &draws(sample).keep;
-        let kept = imagination.filters.keep(&y_hat, y, &disagreement, uniform);
+        let kept = imagination
+            .filters
+            .keep(&y_hat, &targets.y, &disagreement, uniform);
         ImaginaryTargets {
             row_weight: imagination.row_weight(kept.rows.len(), batch.rows),
             action,
