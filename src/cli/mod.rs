@@ -8,6 +8,7 @@ mod progress;
 mod render;
 mod slurm;
 mod sweep;
+mod table;
 mod train;
 mod verify;
 

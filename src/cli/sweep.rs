@@ -1,16 +1,13 @@
 //! `mamf sweep`
 
+use super::table::Table;
 use super::{FAILED, INTERRUPTED, Misuse, slurm, tell};
-use crate::sweep::{
-    self, Changes, Ended, Outcome, Plan, PlannedRun, Progress, Standing, Sweep, Watcher,
-};
+use crate::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
 use crate::training::{LockError, RunDirectory, RunDirectoryError};
 use anyhow::Context;
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
-use std::collections::BTreeMap;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -237,140 +234,4 @@ fn conclude(outcomes: &[Outcome], plan: &Plan) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::from(INTERRUPTED));
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The runs on the terminal, a line each while it runs; elsewhere a line when one begins or ends.
-struct Table {
-    bars: Option<MultiProgress>,
-    all: ProgressBar,
-    running: BTreeMap<String, ProgressBar>,
-    /// How far those are that run, and when they were seen to come there.
-    progress: BTreeMap<String, (Progress, Instant)>,
-    ended: usize,
-    count: usize,
-    /// Length of the longest name.
-    width: usize,
-}
-
-impl Table {
-    fn new(runs: &[PlannedRun]) -> Table {
-        let count = runs.len();
-        let bars = std::io::stderr().is_terminal().then(MultiProgress::new);
-        let all = match &bars {
-            None => ProgressBar::hidden(),
-            Some(bars) => {
-                let style = ProgressStyle::with_template(
-                    "{wide_bar} {pos}/{len} runs ended, {msg}  {elapsed}",
-                );
-                let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-                bars.add(ProgressBar::new(count as u64).with_style(style))
-            }
-        };
-        Table {
-            bars,
-            all,
-            running: BTreeMap::new(),
-            progress: BTreeMap::new(),
-            ended: 0,
-            count,
-            width: runs.iter().map(|run| run.name.len()).max().unwrap_or(0),
-        }
-    }
-
-    fn say(&self, message: &str) {
-        match &self.bars {
-            Some(bars) => bars.suspend(|| tell(message)),
-            None => tell(message),
-        }
-    }
-
-    /// How many have not ended, in words.
-    fn count(&self) {
-        let running = self.running.len();
-        let waiting = self.count.saturating_sub(self.ended + running);
-        let message = format!("{running} running, {waiting} waiting");
-        self.all.set_message(message);
-    }
-
-    fn finish(&self) {
-        self.all.finish_and_clear();
-    }
-}
-
-/// Last return and rate of a run.
-fn in_words(progress: &Progress) -> String {
-    let value = progress
-        .return_mean
-        .map(|value| format!("return {value:.1}"));
-    let rate = progress.steps_per_second;
-    let rate = rate.map(|rate| format!("{rate:.0} steps/s"));
-    let words: Vec<String> = value.into_iter().chain(rate).collect();
-    words.join("  ")
-}
-
-impl Watcher for Table {
-    fn began(&mut self, run: &PlannedRun, step: u64) {
-        let Some(bars) = &self.bars else {
-            let how = if step == 0 {
-                "began".to_owned()
-            } else {
-                format!("goes on from step {step}")
-            };
-            return tell(&format!("{}: {how}", run.name));
-        };
-        let (width, template) = (
-            self.width,
-            "{bar:20} {human_pos:>9}/{human_len} steps  {msg}",
-        );
-        let style = ProgressStyle::with_template(&format!("{{prefix:{width}}} {template}"));
-        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        let bar = ProgressBar::new(run.config.steps).with_style(style);
-        let bar = bars.insert_before(&self.all, bar);
-        bar.set_prefix(run.name.clone());
-        bar.set_position(step);
-        self.running.insert(run.name.clone(), bar);
-        self.count();
-    }
-
-    fn proceeds(&mut self, run: &PlannedRun, progress: Progress) {
-        let now = Instant::now();
-        let last = self.progress.entry(run.name.clone());
-        let last = last.or_insert((progress, now));
-        if last.0 != progress {
-            *last = (progress, now);
-        }
-        let since = last.1.elapsed().as_secs_f64();
-        let Some(bar) = self.running.get(&run.name) else {
-            return;
-        };
-        bar.set_position(progress.step);
-        let mut message = in_words(&progress);
-        if let Some(rate) = progress.steps_per_second.filter(|rate| *rate > 0.0) {
-            // A run tells of itself at evaluations only; between them the time goes on.
-            let left = run.config.steps.saturating_sub(progress.step) as f64 / rate - since;
-            let left = Duration::from_secs_f64(left.max(0.0));
-            message += &format!("  {:#} left", indicatif::HumanDuration(left));
-        }
-        bar.set_message(message);
-    }
-
-    fn ended(&mut self, run: &PlannedRun, ended: &Ended) {
-        if let Some(bar) = self.running.remove(&run.name) {
-            bar.finish_and_clear();
-        }
-        self.ended += 1;
-        self.all.set_position(self.ended as u64);
-        self.count();
-        let last = self.progress.remove(&run.name);
-        let last = last.map(|(progress, _)| in_words(&progress));
-        let last = last.filter(|last| !last.is_empty());
-        let last = last.map_or(String::new(), |last| format!(", {last}"));
-        let how = match ended {
-            Ended::Finished => "finished",
-            Ended::Interrupted => "interrupted",
-            Ended::Failed(_) => "failed",
-        };
-        let (name, ended, count) = (&run.name, self.ended, self.count);
-        self.say(&format!("{name}: {how}{last} ({ended} of {count})"));
-    }
 }
