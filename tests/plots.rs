@@ -353,7 +353,7 @@ fn uneven() -> Vec<Run> {
 fn what_is_not_as_it_should_be_is_said() {
     let Some(python) = python() else { return };
     let place = Place::new();
-    let runs = uneven();
+    let mut runs = uneven();
     assert_eq!(runs[4].folder(), "runs/Hopper-v4/td3/seed-1");
     runs.iter().for_each(|run| run.write(&place));
     succeed(
@@ -402,6 +402,17 @@ fn what_is_not_as_it_should_be_is_said() {
         &row[2],
         mean(&[runs[3].final_return(), runs[4].final_return()]),
     );
+
+    // Also where the run was meant to be no longer than it is.
+    runs[4].steps = 12_000;
+    runs[4].write(&place);
+    succeed(
+        python,
+        &place,
+        &["runs", "--out", "again", "--format", "svg"],
+    );
+    let early = format!("{unfinished}, 12k of 20k steps");
+    says("../again/aggregate.svg", &[&early]);
 }
 
 #[test]
@@ -540,7 +551,7 @@ fn mistakes_are_explained_and_write_nothing() {
     place.write(config, "task = \"Hop");
     refuse(&["runs"], &[config, "cut short"]);
     fs::remove_file(place.path(config)).unwrap();
-    refuse(&["runs"], &[config, "missing"]);
+    refuse(&["runs"], &[config, "no such file"]);
     place.write(config, settings);
 
     fs::create_dir(place.path("nothing")).unwrap();
