@@ -427,8 +427,8 @@ mod tests {
             indices: vec![0, 3, 4, 5],
             program: "/opt/mamf".into(),
             arguments: vec!["sweep".into(), "e.toml".into()],
-            directory: "/work".into(),
-            logs: "/work/runs/e/slurm".into(),
+            directory: "/data".into(),
+            logs: "/data/runs/e/slurm".into(),
         }
     }
 
@@ -504,8 +504,8 @@ mod tests {
             "#SBATCH --job-name=mamf-e",
             "#SBATCH --array=0,3-5",
             "#SBATCH --cpus-per-task=1",
-            "#SBATCH --chdir=/work",
-            "#SBATCH --output=/work/runs/e/slurm/%A_%a.log",
+            "#SBATCH --chdir=/data",
+            "#SBATCH --output=/data/runs/e/slurm/%A_%a.log",
             "#SBATCH --open-mode=append",
             "#SBATCH --signal=B:USR1@120",
             "#SBATCH --requeue",
