@@ -67,10 +67,6 @@ class Run:
         """Step of the last evaluation that there is."""
         return int(self.curve.index[-1])
 
-    @property
-    def unfinished(self):
-        return self.last < self.planned
-
 
 @dataclass(frozen=True)
 class Panel:

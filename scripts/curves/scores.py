@@ -93,7 +93,7 @@ def line_notes(runs, steps):
     """What a reader must know about the runs of one label that are drawn at `steps`: texts to follow the title."""
     notes = []
     label, drawn = runs[0].label, steps[-1]
-    longest = max(max(run.planned, run.last) for run in runs)
+    longest = intended_end(runs)
     for run in runs:
         if run.last < longest:
             cut = f"; drawn to {short(drawn)}" if len(runs) > 1 else ""
@@ -104,6 +104,11 @@ def line_notes(runs, steps):
             f", {label}: seeds are evaluated at different steps; the {len(steps)} common ones of {possible} are drawn"
         )
     return notes
+
+
+def intended_end(runs):
+    """The step at which the longest of the runs ends, or is to end."""
+    return max(max(run.planned, run.last) for run in runs)
 
 
 def short(number):
@@ -232,9 +237,7 @@ def scores_of(panels, labels, scales, window):
     if not used:
         raise InputError("no task to aggregate over: " + "; ".join(notes))
     # Steps that each task's runs are meant to have.
-    ends = [
-        max(max(run.last, run.planned) for line in panel.lines.values() for run in line) for panel in used
-    ]
+    ends = [intended_end([run for line in panel.lines.values() for run in line]) for panel in used]
     chosen = {}
     for label in labels:
         count = min(len(panel.lines[label]) for panel in used)

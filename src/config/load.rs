@@ -256,7 +256,7 @@ impl Given {
 
     /// The file's values that an option overrules when it picks another method: those that every run of the file's
     /// own method has, and runs of the other do not. A run's `config.toml` says them all.
-    fn method_of_file(&self, picked: Method) -> BTreeMap<String, Value> {
+    fn overruled_by(&self, picked: Method) -> BTreeMap<String, Value> {
         let named = self.method_of_file.clone();
         let own = named.map_or(Some(Method::Mamf), |value| Method::deserialize(value).ok());
         let Some(own) = own.filter(|own| *own != picked) else {
@@ -285,7 +285,7 @@ impl Given {
         defaults.insert("doubled_actions.period".into(), Value::Integer(200));
 
         let by_option = matches!(self.values.get("method"), Some((Source::Option(_), _)));
-        let overruled = self.method_of_file(method);
+        let overruled = self.overruled_by(method);
         let mut merged = preset;
         for (key, (origin, value)) in &self.values {
             let Some(default) = defaults.get(key) else {
