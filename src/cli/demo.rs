@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::{Episodes, FAILED, Misuse, say, tell};
-use crate::demonstration::{
+use crate::recordings::demo::{
     self, Description, EpisodeRecorder, Replayed, STORED_DIFFERENCE, UnusableRecording,
 };
-use crate::env::{Replay, Step};
-use crate::parallel::with_threads;
-use crate::random::stream;
-use crate::recording::{Recording, find};
-use crate::training::{Checkpoint, EpisodeResult, Evaluator, Watch};
+use crate::env::Inspect;
+use crate::task::Step;
+use crate::core::parallel::with_threads;
+use crate::core::random::stream;
+use crate::recordings::find;
+use crate::recordings::format::Recording;
+use crate::run::Checkpoint;
+use crate::training::{EpisodeResult, Evaluator, Watch};
 
 /// Episodes that run between two looks at what became of them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -67,14 +70,14 @@ struct Camera {
 impl Watch for Camera {
     type Seen = EpisodeRecorder;
 
-    fn begin(&self, env: &dyn Replay, observation: &[f64]) -> EpisodeRecorder {
+    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> EpisodeRecorder {
         EpisodeRecorder::begin(env, observation, &self.source)
     }
 
     fn step(
         &self,
         seen: &mut EpisodeRecorder,
-        env: &dyn Replay,
+        env: &dyn Inspect,
         action: &[f64],
         step: &Step,
         observation: &[f64],

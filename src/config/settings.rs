@@ -1,14 +1,12 @@
 //! Every setting, its meaning, its unit and its published default.
 
-use super::{Addition, Method};
+use super::{Addition, DemonstrationSettings, Method};
 use crate::agent::{AgentSettings, BaseAlgorithm, SmoothingSettings, TemperatureSettings};
-use crate::env::{self, MakeError, Spec, VelocityReading};
-use crate::imagination::{
-    ExpansionSettings, ImaginaryLossMean, ImaginationSettings, ModelSettings, Predict,
-    RewardSource, TargetComparison, UncertaintyScale,
-};
+use crate::env::{self, MakeError};
+use crate::task::{Spec, VelocityReading};
+use crate::imagination::{ExpansionSettings, ImaginaryLossMean, ImaginationSettings, TargetComparison, UncertaintyScale};
+use crate::model::{ModelSettings, Predict, RewardSource};
 use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
-use crate::replay::DemonstrationSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -196,8 +194,8 @@ impl Config {
     ///
     /// # Errors
     /// When there is no such task or MuJoCo can't run it.
-    pub fn env(&self) -> Result<Box<dyn env::Replay>, MakeError> {
-        let task = env::make_replay(&self.task)?;
+    pub fn env(&self) -> Result<Box<dyn env::Inspect>, MakeError> {
+        let task = env::make_inspect(&self.task)?;
         Ok(match &self.doubled_actions {
             None => task,
             Some(DoubledActions { period }) => env::doubled(task, *period),
@@ -208,7 +206,7 @@ impl Config {
     ///
     /// # Errors
     /// When there is no such task or MuJoCo can't load its model.
-    pub fn task_rules(&self) -> Result<Arc<dyn env::Rules>, MakeError> {
+    pub fn task_rules(&self) -> Result<Arc<dyn task::Rules>, MakeError> {
         let rules = env::rules(&self.task, self.rules.velocity)?;
         Ok(match &self.doubled_actions {
             None => rules,
