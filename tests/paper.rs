@@ -10,10 +10,10 @@ const FIGURES: [&str; 4] = ["figure_2", "figure_3ab", "figure_3c", "appendix_c"]
 fn runs(experiment: &str) -> Vec<(String, String, Config)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let path = root.join(format!("configs/paper/{experiment}.toml"));
-    let five: Vec<u32> = (0..5).collect();
+    let five: Vec<u64> = (0..5).collect();
     let sweep = Sweep::read(&path, &Changes::default()).unwrap();
     for runs in sweep.runs.chunks(5) {
-        let seeds: Vec<u32> = runs.iter().map(|run| run.seed).collect();
+        let seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
         assert_eq!(seeds, five, "{experiment}");
     }
     let runs = sweep.runs.into_iter().step_by(5).map(|run| {

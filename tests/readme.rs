@@ -1,8 +1,7 @@
 //! The tables of the README say what the program does.
 
-use mamf::config::{Config, Method};
+use mamf::config::Method;
 use mamf::env;
-use toml::{Table, Value};
 
 /// The cells of every row of every table, without quotation marks for code.
 fn rows() -> Vec<Vec<String>> {
@@ -12,29 +11,6 @@ fn rows() -> Vec<Vec<String>> {
         .map(|line| line.split(" | ").map(|cell| cell.replace('`', "")))
         .map(Iterator::collect)
         .collect()
-}
-
-fn flatten(prefix: &str, table: &Table) -> Vec<(String, Value)> {
-    let entries = table.iter().flat_map(|(key, value)| match value {
-        Value::Table(inner) => flatten(&format!("{prefix}{key}."), inner),
-        value => vec![(format!("{prefix}{key}"), value.clone())],
-    });
-    entries.collect()
-}
-
-#[test]
-fn every_key_is_listed_with_its_default() {
-    let rows = rows();
-    let preset = Table::try_from(Config::preset(Method::Mamf)).unwrap();
-    for (key, default) in flatten("", &preset) {
-        if key == "task" {
-            continue;
-        }
-        let row = rows.iter().find(|row| row[0] == key && row.len() == 3);
-        let row = row.unwrap_or_else(|| panic!("`{key}` is not in the README"));
-        let stated: Table = toml::from_str(&format!("value = {}", row[1])).unwrap();
-        assert_eq!(stated["value"], default, "{key}");
-    }
 }
 
 #[test]

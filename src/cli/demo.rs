@@ -169,7 +169,7 @@ fn line(episode: usize, result: &EpisodeResult) -> String {
 }
 
 fn info(pattern: &str) -> anyhow::Result<ExitCode> {
-    let (found, code) = each(pattern, demonstration::describe)?;
+    let (found, code) = each(pattern, demo::describe)?;
     if !found.is_empty() {
         print_info(&found)?;
     }
@@ -178,8 +178,8 @@ fn info(pattern: &str) -> anyhow::Result<ExitCode> {
 
 fn print_info(found: &[Description]) -> std::io::Result<()> {
     let (recordings, totals) = (
-        demonstration::descriptions(found),
-        demonstration::totals(found),
+        demo::descriptions(found),
+        demo::totals(found),
     );
     println(&format!(
         "{recordings}\n{totals}\n\
@@ -191,7 +191,7 @@ fn print_info(found: &[Description]) -> std::io::Result<()> {
 
 fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
     let (found, code) = each(pattern, |path| {
-        demonstration::replay(&Recording::open(path)?)
+        demo::replay(&Recording::open(path)?)
     })?;
     if !found.is_empty() {
         print_replay(&found)?;
@@ -200,7 +200,7 @@ fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
 }
 
 fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
-    let tables = demonstration::tables(found);
+    let tables = demo::tables(found);
     println(&format!(
         "{tables}\
          qpos, qvel: largest error after one step from each recorded state, over the steps compared, target bodies left\n\
@@ -209,7 +209,7 @@ fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
          stored: against reward_recorded, which differ: steps past {STORED_DIFFERENCE:.0e}, capped: with the spin term 8 at most, the\n\
          rule of the stored ones. success: flags that differ. open-loop: largest qpos error from the first state through\n\
          all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.",
-        drift = demonstration::DRIFT
+        drift = demo::DRIFT
     ))
 }
 

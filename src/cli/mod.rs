@@ -6,6 +6,7 @@ mod envs;
 mod eval;
 mod progress;
 mod render;
+mod settings;
 mod slurm;
 mod sweep;
 mod table;
@@ -13,7 +14,7 @@ mod train;
 mod verify;
 
 use crate::lab::comparison::ComparisonError;
-use crate::config::ConfigError;
+use crate::config::{ConfigError, Range};
 use crate::env::{MakeError, UnknownTask};
 use crate::render::{OutputError, PaintError, RenderError};
 use crate::recordings::DemonstrationError;
@@ -21,6 +22,7 @@ use crate::lab::sweep::SweepError;
 use crate::lab::sweep::slurm::SlurmError;
 use crate::run::{CheckpointError, LockError, RunDirectoryError};
 use crate::training::TrainError;
+use clap::builder::TypedValueParser;
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
@@ -60,6 +62,8 @@ enum Command {
     Render(render::Args),
     /// List the tasks, or show one in detail
     Envs(envs::Args),
+    /// List the keys of a configuration, or all about one
+    Settings(settings::Args),
     /// Replay recorded rollouts and compare every step
     Verify(verify::Args),
     /// Record demonstrations from a policy, describe and replay sets of them
@@ -79,6 +83,7 @@ impl Cli {
             Command::Eval(args) => eval::run(&args),
             Command::Render(args) => render::run(&args),
             Command::Envs(args) => envs::run(&args),
+            Command::Settings(args) => settings::run(&args),
             Command::Verify(args) => verify::run(&args),
             Command::Demo(args) => demo::run(&args),
         }
@@ -102,6 +107,11 @@ struct Episodes {
         default_value_t = 0
     )]
     seed: u64,
+}
+
+/// Takes the whole numbers that a configuration holds.
+fn whole() -> impl TypedValueParser<Value = u64> {
+    clap::value_parser!(u64).range(..=Range::LARGEST)
 }
 
 /// A mistake of the user that has no type of its own.

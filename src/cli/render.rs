@@ -209,7 +209,7 @@ impl Source {
 
     fn recorded(path: &Path) -> anyhow::Result<Source> {
         let recording = Recording::open(path)?;
-        let env = demonstration::task_of(&recording)?;
+        let env = demo::task_of(&recording)?;
         Ok(Source::Recorded {
             env,
             recording: Some(Box::new(recording)),

@@ -1,7 +1,7 @@
 //! `mamf sweep`
 
 use super::table::Table;
-use super::{FAILED, INTERRUPTED, Misuse, slurm, tell};
+use super::{FAILED, INTERRUPTED, Misuse, slurm, tell, whole};
 use crate::lab::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
 use crate::run::{LockError, RunDirectory, RunDirectoryError};
 use anyhow::Context;
@@ -34,10 +34,10 @@ pub struct Args {
     set: Vec<String>,
     /// Environment steps of each run
     #[arg(long, value_name = "N")]
-    steps: Option<u32>,
+    steps: Option<u64>,
     /// Seeds instead of the experiment's
-    #[arg(long, value_name = "N", num_args = 1..)]
-    seeds: Option<Vec<u32>>,
+    #[arg(long, value_name = "N", num_args = 1.., value_parser = whole())]
+    seeds: Option<Vec<u64>>,
     /// List the runs and what became of them, and make none
     #[arg(long)]
     dry_run: bool,

@@ -1,7 +1,7 @@
 //! `mamf train`
 
 use super::progress::Progress;
-use super::{FAILED, INTERRUPTED, tell};
+use super::{FAILED, INTERRUPTED, tell, whole};
 use crate::config::{self, Overrides};
 use crate::run::{LockError, ReplayMemory, RunDirectory, RunDirectoryError};
 use crate::training::{self, Monitor, Outcome, ResumeOptions, Resumed, TrainError, Trainer};
@@ -26,17 +26,17 @@ pub struct Args {
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Seed of every random stream
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    seed: Option<u32>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole())]
+    seed: Option<u64>,
     /// Environment steps of the run; with --resume it may be made longer or shorter
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    steps: Option<u32>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole())]
+    steps: Option<u64>,
     /// Run directory [default: runs/<task>/<method>/seed-<n>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Threads; results do not depend on it
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    threads: Option<u32>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole())]
+    threads: Option<u64>,
     /// Remove an existing run in the run directory first; with --resume, go on with another build of
     /// mamf or other settings of checkpoints
     #[arg(long)]
@@ -58,7 +58,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         ("--threads", "compute.threads", args.threads),
     ] {
         if let Some(value) = value {
-            overrides.push(format!("{option} {value}"), key, i64::from(value));
+            overrides.push(format!("{option} {value}"), key, value as i64);
         }
     }
     let mut progress = Progress::new();

@@ -52,8 +52,8 @@ pub enum SweepError {
 struct File {
     /// Configurations, relative to the file.
     configs: Vec<PathBuf>,
-    seeds: Vec<u32>,
-    /// Settings of all runs.
+    seeds: Vec<u64>,
+    /// Settings of all runs, each for those that have a use for it.
     #[serde(default)]
     settings: Table,
     /// Settings of each variant.
@@ -67,7 +67,7 @@ struct File {
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
     /// Seeds instead of the file's.
-    pub seeds: Option<Vec<u32>>,
+    pub seeds: Option<Vec<u64>>,
     /// Settings on top of all others, as options and `KEY=VALUE`.
     pub settings: Vec<String>,
 }
@@ -93,7 +93,7 @@ pub struct PlannedRun {
     /// Its settings on top, each as `KEY=VALUE`.
     pub settings: Vec<String>,
     /// Its seed.
-    pub seed: u32,
+    pub seed: u64,
     /// All of it, resolved.
     pub config: Config,
 }
@@ -141,30 +141,37 @@ impl Sweep {
         for (config, file_of_config) in &configs {
             for (variant, own) in &file.variants {
                 let on = file.on.get(config).and_then(|on| on.get(variant));
-                let tables = [Some(&file.settings), Some(own), on];
+                let mut of_all: Vec<String> = Vec::new();
+                flatten("", &file.settings, &mut of_all);
                 let mut settings: Vec<String> = Vec::new();
-                for table in tables.into_iter().flatten() {
+                for table in [Some(own), on].into_iter().flatten() {
                     flatten("", table, &mut settings);
                 }
                 settings.extend(changes.settings.iter().cloned());
-                if let Some((key, instead)) = settings.iter().find_map(|s| decided(s)) {
+                let all = of_all.iter().chain(&settings);
+                if let Some((key, instead)) = all.clone().find_map(|s| decided(s)) {
                     return Err(wrong(format!(
                         "variant {variant}: `{key}` is not a setting of an experiment; {instead}"
                     )));
                 }
                 for &seed in seeds {
                     let run = format!("{config}/{variant}/seed-{seed}");
-                    let resolved = resolve(file_of_config, &settings, seed);
+                    let useful = useful(file_of_config, &of_all, &settings, seed);
+                    let resolved = useful.and_then(|settings| {
+                        let config = resolve(file_of_config, &[], &settings, seed)?;
+                        Ok((settings, config))
+                    });
+                    let (settings, config) = resolved.map_err(|error| SweepError::Run {
+                        path: path.to_owned(),
+                        run: run.clone(),
+                        error: Box::new(error),
+                    })?;
                     sweep.runs.push(PlannedRun {
                         index: sweep.runs.len(),
-                        config: resolved.map_err(|error| SweepError::Run {
-                            path: path.to_owned(),
-                            run: run.clone(),
-                            error: Box::new(error),
-                        })?,
+                        config,
                         name: run,
                         file: file_of_config.clone(),
-                        settings: settings.clone(),
+                        settings,
                         seed,
                     });
                 }
@@ -176,7 +183,7 @@ impl Sweep {
 
 /// The key of a setting that the experiment itself decides for each run, and what to use instead.
 fn decided(setting: &str) -> Option<(&str, &'static str)> {
-    let key = setting.split('=').next().unwrap_or(setting).trim();
+    let key = key(setting);
     let instead = match key {
         "seed" => "`seeds` or --seeds say which there are",
         "compute.threads" => "--jobs says among how many runs the cores are divided",
@@ -185,13 +192,40 @@ fn decided(setting: &str) -> Option<(&str, &'static str)> {
     Some((key, instead))
 }
 
-/// The configuration of a run, as `mamf train` would make it of the same words.
-fn resolve(file: &Path, settings: &[String], seed: u32) -> Result<Config, ConfigError> {
+/// The key of a `KEY=VALUE`.
+fn key(setting: &str) -> &str {
+    setting.split('=').next().unwrap_or(setting).trim()
+}
+
+/// The settings of a run: those `of_all` that it has a use for, then its `own`.
+fn useful(
+    file: &Path,
+    of_all: &[String],
+    own: &[String],
+    seed: u64,
+) -> Result<Vec<String>, ConfigError> {
+    let config = resolve(file, of_all, own, seed)?;
+    let of_all = of_all.iter().filter(|s| config.has_use_for(key(s)));
+    Ok(of_all.chain(own).cloned().collect())
+}
+
+/// The configuration of a run, as `mamf train` would make it of its `own` words. Those `of_all` may mean nothing to
+/// it.
+fn resolve(
+    file: &Path,
+    of_all: &[String],
+    own: &[String],
+    seed: u64,
+) -> Result<Config, ConfigError> {
     let mut overrides = Overrides::default();
-    for setting in settings {
+    for setting in of_all {
+        overrides.set_for_all(setting)?;
+    }
+    for setting in own {
         overrides.set(setting)?;
     }
-    overrides.push(format!("seed {seed}"), "seed", i64::from(seed));
+    // A seed past the whole numbers of TOML comes out negative, and is refused as such.
+    overrides.push(format!("seed {seed}"), "seed", seed as i64);
     config::read(file, &overrides)
 }
 
@@ -267,7 +301,7 @@ fn plain(path: &Path) -> PathBuf {
     plain
 }
 
-fn repeated(seeds: &[u32]) -> Option<u32> {
+fn repeated(seeds: &[u64]) -> Option<u64> {
     let mut seen = BTreeSet::new();
     seeds.iter().copied().find(|seed| !seen.insert(*seed))
 }
@@ -349,6 +383,72 @@ mod tests {
     }
 
     #[test]
+    fn settings_of_all_runs_are_for_those_that_have_a_use_for_them() {
+        let more = "[settings]\nimagination.target_comparison = \"greater\"\n\
+            imagination.bias_factor = 0.2\nexploration_noise = 0.2\n";
+        let text = GOOD.replacen("[settings]\n", more, 1) + "[variants.sac]\nmethod = \"sac\"\n";
+        let sweep = read(&text, &Changes::default()).unwrap();
+        for run in &sweep.runs {
+            let has = |key: &str| run.settings.iter().any(|setting| setting.starts_with(key));
+            let is_mamf = run.name.contains("/mamf/");
+            assert_eq!(
+                has("imagination.target_comparison"),
+                is_mamf,
+                "{}",
+                run.name
+            );
+            assert_eq!(
+                has("exploration_noise"),
+                !run.name.contains("/sac/"),
+                "{}",
+                run.name
+            );
+            // Without an optimistic start there is no bias.
+            let is_optimistic = run.name.starts_with("other/mamf");
+            assert_eq!(
+                has("imagination.bias_factor"),
+                is_optimistic,
+                "{}",
+                run.name
+            );
+        }
+        // What a variant says itself has to mean something to it.
+        let own = text.replacen(
+            "method = \"sac\"",
+            "method = \"sac\"\nexploration_noise = 0.2",
+            1,
+        );
+        let message = read(&own, &Changes::default()).unwrap_err().to_string();
+        assert!(
+            message.contains("exploration_noise") && message.contains("`sac`"),
+            "{message}"
+        );
+        let wrong = text.replacen("exploration_noise = 0.2", "exploration_noise = 11", 1);
+        let message = read(&wrong, &Changes::default()).unwrap_err().to_string();
+        assert!(
+            message.contains("[settings] exploration_noise=11"),
+            "{message}"
+        );
+        assert!(message.contains("from 0 to 10"), "{message}");
+    }
+
+    #[test]
+    fn seeds_may_have_63_bits() {
+        let changes = Changes {
+            seeds: Some(vec![u64::MAX >> 1]),
+            settings: vec![],
+        };
+        let sweep = read(GOOD, &changes).unwrap();
+        assert_eq!(sweep.runs[0].config.seed, u64::MAX >> 1);
+        let changes = Changes {
+            seeds: Some(vec![u64::MAX]),
+            settings: vec![],
+        };
+        let message = read(GOOD, &changes).unwrap_err().to_string();
+        assert!(message.contains("not negative"), "{message}");
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         let changed = |from: &str, to: &str| {
             assert!(GOOD.contains(from), "{from}");
@@ -380,7 +480,7 @@ mod tests {
             (
                 "batch_size = 10",
                 "batch_size = 0",
-                ["reacher/mamf/seed-3", "at least 2"],
+                ["reacher/mamf/seed-3", "from 2 to 1000000"],
             ),
             ("batch_size", "batchsize", ["`batchsize`", "`batch_size`"]),
             ("batch_size = 10", "seed = 4", ["`seed`", "`seeds`"]),
