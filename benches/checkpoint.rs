@@ -5,8 +5,9 @@
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use mamf::config::{Config, Method};
-use mamf::files::Files;
-use mamf::replay::{ReplayBuffer, ReplayLog, Transition};
+use mamf::core::files::Files;
+use mamf::replay::{ReplayBuffer, Transition};
+use mamf::run::ReplayLog;
 use mamf::training::fresh_agent;
 use std::collections::HashMap;
 use std::path::Path;

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mamf::env::{self, EnvState, Replay};
-use mamf::random::stream;
+use mamf::env::{self, Inspect};
+use mamf::task::EnvState;
+use mamf::core::random::stream;
 use mujoco_rs::Data;
 use mujoco_sys as sys;
 use rand::RngExt;
@@ -49,7 +50,7 @@ const FRAME_SKIP: usize = 20;
 
 /// The same stretch of a hand task in two ways: as an environment, and as a bare loop over the C library.
 struct Stretch {
-    env: Box<dyn Replay>,
+    env: Box<dyn Inspect>,
     bare: Data,
     start: EnvState,
     actions: Vec<Vec<f64>>,
@@ -59,7 +60,7 @@ struct Stretch {
 
 impl Stretch {
     fn new(id: &str) -> Stretch {
-        let mut env = env::make_replay(id).expect("a task");
+        let mut env = env::make_inspect(id).expect("a task");
         let mut rng = stream(0, "bench");
         let mut observation = vec![0.0; env.spec().obs_size];
         env.reset(&mut rng, &mut observation);

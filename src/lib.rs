@@ -2,22 +2,19 @@
 
 pub mod agent;
 pub mod cli;
-pub mod comparison;
 pub mod config;
-pub mod demonstration;
+pub mod core;
 pub mod env;
-pub mod files;
 pub mod imagination;
-pub mod new_file;
+pub mod lab;
+pub mod model;
 pub mod nn;
-pub mod parallel;
-pub mod random;
-pub mod recording;
+pub mod recordings;
 pub mod render;
 pub mod replay;
-pub mod sweep;
+pub mod run;
+pub mod task;
 pub mod training;
-pub mod verification;
 
 /// Activations and gradients of a 256 x 256 layer lie just above the size at which the system
 /// allocator maps and unmaps pages on every call; mimalloc keeps them.

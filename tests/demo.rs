@@ -5,9 +5,10 @@
 mod common;
 
 use common::{Place, SMALL, stderr};
-use mamf::demonstration::{Figures, Replayed, replay};
+use mamf::recordings::demo::{Figures, Replayed, replay};
 use mamf::env;
-use mamf::recording::{Array, Recording, find, write};
+use mamf::recordings::find;
+use mamf::recordings::format::{Array, Recording, write};
 use serde_json::{Map, Value};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,8 @@
 //! What the hand tasks promise beyond what `mamf verify` compares: starts, goals, success, commands, rules.
 
-use mamf::env::{self, PenInertia, Replay, Rules, Start, VelocityReading};
-use mamf::random::{Stream, stream};
+use mamf::env::{self, Inspect, PenInertia};
+use mamf::task::{Rules, Start, VelocityReading};
+use mamf::core::random::{Stream, stream};
 use std::sync::Arc;
 
 /// Ids of the two-hand tasks with their dense reward.
@@ -26,14 +27,14 @@ fn sparse(id: &str) -> String {
 
 /// A task, room for its observation, and a stream.
 struct Made {
-    env: Box<dyn Replay>,
+    env: Box<dyn Inspect>,
     rules: Arc<dyn Rules>,
     observation: Vec<f64>,
     rng: Stream,
 }
 
 fn made(id: &str) -> Made {
-    let env = env::make_replay(id).unwrap();
+    let env = env::make_inspect(id).unwrap();
     Made {
         rules: env::rules(id, VelocityReading::default()).unwrap(),
         observation: vec![0.0; env.spec().obs_size],
@@ -53,7 +54,7 @@ impl Made {
         self.observation[spec.obs_size - spec.goal_size..].to_vec()
     }
 
-    fn step(&mut self, action: &[f64]) -> env::Step {
+    fn step(&mut self, action: &[f64]) -> task::Step {
         self.env.step(action, &mut self.observation)
     }
 
@@ -216,7 +217,7 @@ fn success_is_close_in_place_and_angle_and_pays_the_sparse_reward() {
         let arrival = probe.env.achieved_goal();
         let reward_at = |id: &str, goal: &[f64]| {
             let mut task = made(id);
-            let state = env::EnvState {
+            let state = task::EnvState {
                 goal: goal.to_vec(),
                 ..state.clone()
             };

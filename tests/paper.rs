@@ -1,7 +1,7 @@
 //! The experiments of `configs/paper` name runs that can be started.
 
 use mamf::config::Config;
-use mamf::sweep::{Changes, Sweep};
+use mamf::lab::sweep::{Changes, Sweep};
 use std::path::Path;
 
 const FIGURES: [&str; 4] = ["figure_2", "figure_3ab", "figure_3c", "appendix_c"];

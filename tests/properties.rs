@@ -2,8 +2,8 @@
 
 use mamf::config::{self, Overrides};
 use mamf::nn::Weights;
-use mamf::recording::Recording;
-use mamf::training::Checkpoint;
+use mamf::recordings::format::Recording;
+use mamf::run::Checkpoint;
 use proptest::prelude::*;
 use std::collections::HashMap;
 use std::fs;
@@ -117,7 +117,7 @@ fn value() -> impl Strategy<Value = String> {
 /// A weights file of two small networks' arrays.
 fn weights() -> Vec<u8> {
     let mut weights = Weights::default();
-    mamf::nn::Mlp::new(&[3, 4, 2], &mut mamf::random::stream(1, "init"))
+    mamf::nn::Mlp::new(&[3, 4, 2], &mut mamf::core::random::stream(1, "init"))
         .save("actor", &mut weights);
     mamf::nn::ObservationScaling::identity(3).save(&mut weights);
     weights

@@ -5,10 +5,10 @@ use mamf::agent::{
     Agent, AgentSettings, Augmentation, BaseAlgorithm, ImaginationDraws, ModelDraws, Sample,
     SmoothingSettings, Targets, TemperatureSettings,
 };
-use mamf::env::{self, VelocityReading};
-use mamf::imagination::{
-    DynamicsModel, DynamicsShape, Imagination, ImaginationSettings, ModelSettings, World,
-};
+use mamf::env;
+use mamf::task::VelocityReading;
+use mamf::imagination::{Imagination, ImaginationSettings};
+use mamf::model::{DynamicsModel, DynamicsShape, ModelSettings, World};
 use mamf::nn::{Backend, Coupling, NetworkSettings, ObservationScaling, Weights};
 use mamf::replay::Batch;
 use safetensors::SafeTensors;

@@ -5,8 +5,9 @@
 mod common;
 
 use common::{Place, skipped, small_run, stderr};
-use mamf::env::{self, Start};
-use mamf::random::stream;
+use mamf::env;
+use mamf::task::Start;
+use mamf::core::random::stream;
 use mamf::render::{Film, Painter, Picture, available};
 use std::collections::HashSet;
 use std::fs::File;
@@ -56,7 +57,7 @@ fn every_task_can_be_seen() {
         return;
     }
     for id in env::ids().filter(|id| !id.contains("Sparse")) {
-        let mut env = env::make_replay(id).unwrap();
+        let mut env = env::make_inspect(id).unwrap();
         let spec = env.spec().clone();
         let mut observation = vec![0.0; spec.obs_size];
         env.reset(&mut stream(1, "env"), &mut observation);
@@ -91,7 +92,7 @@ fn the_goal_is_drawn_where_it_is() {
         return;
     }
     for id in ["EggHandOver-v0", "TwoPenCatchUnderArm-v0"] {
-        let mut env = env::make_replay(id).unwrap();
+        let mut env = env::make_inspect(id).unwrap();
         let spec = env.spec().clone();
         let mut observation = vec![0.0; spec.obs_size];
         env.reset(&mut stream(1, "env"), &mut observation);
@@ -141,7 +142,7 @@ fn pictures_come_in_every_format() {
     let (size, delays) = gif(&place, "fast.gif");
     assert_eq!(size, [96, 64]);
     let seconds = f64::from(delays.iter().map(|d| u32::from(*d)).sum::<u32>()) / 100.0;
-    let dt = env::make_replay("Reacher-v4").unwrap().spec().dt;
+    let dt = env::make_inspect("Reacher-v4").unwrap().spec().dt;
     let expected = 2.0 * 51.0 * dt / 2.0;
     assert!((seconds - expected).abs() < 0.006, "{seconds} {expected}");
     assert_eq!(

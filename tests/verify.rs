@@ -5,9 +5,9 @@ use std::io::Write as _;
 use std::path::Path;
 
 use assert_cmd::Command;
-use mamf::env::{self, Replay};
-use mamf::random::stream;
-use mamf::verification::verify;
+use mamf::env::{self, Inspect};
+use mamf::core::random::stream;
+use mamf::recordings::verify::verify;
 use npyz::WriterBuilder;
 use npyz::npz::NpzWriter;
 use npyz::zip::write::FileOptions;
@@ -59,7 +59,7 @@ fn write_rollout(directory: &Path, name: &str, env: &str, arrays: &Arrays) {
 
 /// Records `steps` steps of a task, resetting whenever it terminates.
 fn record(id: &str, steps: u64) -> Arrays {
-    let mut env = env::make_replay(id).unwrap();
+    let mut env = env::make_inspect(id).unwrap();
     let mut rng = stream(21, "env");
     let (obs_size, nu) = (env.spec().obs_size, env.spec().action_size);
     let state_size = obs_size - env.spec().goal_size;
@@ -68,7 +68,7 @@ fn record(id: &str, steps: u64) -> Arrays {
     env.reset(&mut rng, &mut observation);
     let [mut action, mut reward, mut terminated] = [vec![], vec![], vec![]];
     let [mut qpos, mut qvel, mut warmstart, mut time, mut obs] = [(); 5].map(|()| vec![]);
-    let mut row = |env: &dyn Replay, observation: &[f64]| {
+    let mut row = |env: &dyn Inspect, observation: &[f64]| {
         let state = env.snapshot();
         qpos.extend(state.qpos);
         qvel.extend(state.qvel);

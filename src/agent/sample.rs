@@ -1,73 +1,77 @@
-//! What one update consumes: transitions and noise, all drawn beforehand.
+//! What one update of the core consumes: transitions and noise, all drawn beforehand.
 
-use crate::random::{Stream, fill_normal};
-use crate::replay::Batch;
-use rand::RngExt;
+use crate::core::random::{Stream, fill_normal, stream};
+use crate::nn::{LearningState, WeightError};
+use crate::replay::{Batch, ReplayBuffer, Sampler};
 
-/// Transitions and noise of one update.
+/// Transitions and noise of one update of actor and critics.
 #[derive(Debug, Clone)]
 pub struct Sample {
-    /// The batch the critics and the actor learn from.
+    /// The batch that critics and actor learn from.
     pub batch: Batch,
-    /// Standard normal draws of the next action at `s'`, `[n, action_size]`: of the target policy's
-    /// smoothing, or of the policy itself if that is stochastic.
-    pub smoothing: Vec<f32>,
-    /// Standard normal draws of the actor's step, `[n, action_size]`, of stochastic policies.
-    pub policy: Vec<f32>,
-    /// For agents that have a model.
-    pub model: Option<ModelDraws>,
+    /// Standard normal draws of the next action at `s'`, `[n, action_size]`: of the target policy's smoothing, or of
+    /// the policy itself if that is stochastic.
+    pub next_noise: Vec<f32>,
+    /// Standard normal draws of the actor's step, `[n, action_size]`; empty for deterministic policies.
+    pub actor_noise: Vec<f32>,
 }
 
-/// What agents with a model consume besides.
+/// The random streams that samples are drawn from.
 #[derive(Debug, Clone)]
-pub struct ModelDraws {
-    /// The batch of the model's step, of as many rows as the other one.
-    pub batch: Batch,
-    /// For agents that imagine.
-    pub imagination: Option<ImaginationDraws>,
+pub(super) struct SampleStreams {
+    replay: Stream,
+    smoothing: Stream,
+    policy: Stream,
 }
 
-/// What imagination consumes.
-#[derive(Debug, Clone)]
-pub struct ImaginationDraws {
-    /// Standard normal draws of the imaginary actions' noise, `[n, action_size]`.
-    pub action: Vec<f32>,
-    /// Standard normal draws of the next action at `s_hat`, `[n, action_size]`.
-    pub smoothing: Vec<f32>,
-    /// Uniform draws in [0, 1) of the uncertainty filter, `[n]`.
-    pub keep: Vec<f32>,
-}
-
-impl ImaginationDraws {
-    /// Draws the noise for `rows` rows.
-    pub fn draw(rows: usize, action_size: usize, rng: &mut Stream) -> ImaginationDraws {
-        ImaginationDraws {
-            action: standard_normal(rows * action_size, rng),
-            smoothing: standard_normal(rows * action_size, rng),
-            keep: (0..rows).map(|_| rng.random::<f32>()).collect(),
+impl SampleStreams {
+    pub fn new(seed: u64) -> SampleStreams {
+        SampleStreams {
+            replay: stream(seed, "replay"),
+            smoothing: stream(seed, "smoothing"),
+            policy: stream(seed, "policy"),
         }
     }
-}
 
-impl Sample {
-    /// Draws the noise of the next actions for `batch`; nothing for the actor or a model.
-    pub fn draw(batch: Batch, action_size: usize, rng: &mut Stream) -> Sample {
+    /// A sample of `rows` transitions for actions of `action_size` numbers.
+    pub fn draw(
+        &mut self,
+        replay: &ReplayBuffer,
+        sampler: &dyn Sampler,
+        rows: usize,
+        action_size: usize,
+        stochastic: bool,
+    ) -> Sample {
+        let batch = replay.sample(rows, sampler, &mut self.replay);
+        let next_noise = standard_normal(rows * action_size, &mut self.smoothing);
+        let actor_noise = if stochastic {
+            standard_normal(rows * action_size, &mut self.policy)
+        } else {
+            Vec::new()
+        };
         Sample {
-            smoothing: standard_normal(batch.rows * action_size, rng),
             batch,
-            policy: Vec::new(),
-            model: None,
+            next_noise,
+            actor_noise,
         }
     }
 
-    /// Draws the noise of the actor's step too.
-    pub fn with_policy_noise(mut self, action_size: usize, rng: &mut Stream) -> Sample {
-        self.policy = standard_normal(self.batch.rows * action_size, rng);
-        self
+    pub fn save_state(&self, state: &mut LearningState) {
+        state.set_stream("replay", &self.replay);
+        state.set_stream("smoothing", &self.smoothing);
+        state.set_stream("policy", &self.policy);
+    }
+
+    pub fn restore(&mut self, state: &LearningState) -> Result<(), WeightError> {
+        self.replay = state.stream("replay")?;
+        self.smoothing = state.stream("smoothing")?;
+        self.policy = state.stream("policy")?;
+        Ok(())
     }
 }
 
-fn standard_normal(n: usize, rng: &mut Stream) -> Vec<f32> {
+/// `n` independent standard normal numbers.
+pub(super) fn standard_normal(n: usize, rng: &mut Stream) -> Vec<f32> {
     let mut draws = vec![0.0; n];
     fill_normal(rng, &mut draws);
     draws

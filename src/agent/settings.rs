@@ -1,6 +1,6 @@
 //! Settings of the agents.
 
-use crate::nn::{Coupling, NetworkSettings};
+use crate::nn::{Architecture, Coupling, NetworkSettings};
 use serde::{Deserialize, Serialize};
 
 /// The algorithm that a method builds on.
@@ -49,6 +49,31 @@ pub struct TemperatureSettings {
     pub learning_rate: f64,
 }
 
+/// How target networks follow the networks that are trained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TargetRule {
+    /// With each step of the actor, the fraction `tau` of the way (Polyak averaging).
+    Polyak {
+        /// In (0, 1].
+        tau: f64,
+    },
+    /// Made equal every so many updates.
+    HardCopy {
+        /// Updates between two copies, at least 1.
+        every: u64,
+    },
+}
+
+impl TargetRule {
+    /// The fraction of the way that targets move after `updates` updates, if they do.
+    pub fn due(self, updates: u64, policy_delay: u64) -> Option<f64> {
+        match self {
+            TargetRule::Polyak { tau } => updates.is_multiple_of(policy_delay).then_some(tau),
+            TargetRule::HardCopy { every } => updates.is_multiple_of(every).then_some(1.0),
+        }
+    }
+}
+
 /// What an agent is built from (paper, appendix B).
 #[derive(Debug, Clone, PartialEq)]
 pub struct AgentSettings {
@@ -60,8 +85,8 @@ pub struct AgentSettings {
     pub coupling: Coupling,
     /// Discount factor.
     pub discount: f64,
-    /// Polyak averaging rate.
-    pub tau: f64,
+    /// How target networks follow.
+    pub targets: TargetRule,
     /// Updates between two actor and target updates.
     pub policy_delay: u64,
     /// Smoothing of the target policy, of TD3.
@@ -71,22 +96,36 @@ pub struct AgentSettings {
 }
 
 impl AgentSettings {
-    /// Widths of the actor's layers, input first.
-    pub fn actor_widths(&self, obs_size: usize, action_size: usize) -> Vec<usize> {
+    /// The actor's network: what is observed to one number an action number, or its mean and log-deviation.
+    pub fn actor(&self, obs_size: usize, action_size: usize) -> Architecture {
         let observed = self.coupling.observed_width(obs_size, action_size);
-        // Mean and log-deviation of each number, or the number itself.
         let outputs = action_size * if self.base.is_stochastic() { 2 } else { 1 };
-        [&[observed], self.networks.hidden.as_slice(), &[outputs]].concat()
+        self.perceptron(observed, outputs)
     }
 
-    /// Widths of a critic's layers, input first.
-    pub fn critic_widths(&self, obs_size: usize, action_size: usize) -> Vec<usize> {
+    /// A critic's network: what is observed and the executed action to a value.
+    pub fn critic(&self, obs_size: usize, action_size: usize) -> Architecture {
         let observed = self.coupling.observed_width(obs_size, action_size);
-        [
-            &[observed + action_size],
-            self.networks.hidden.as_slice(),
-            &[1],
-        ]
-        .concat()
+        self.perceptron(observed + action_size, 1)
+    }
+
+    fn perceptron(&self, inputs: usize, outputs: usize) -> Architecture {
+        let hidden = self.networks.hidden.as_slice();
+        Architecture::relu(&[&[inputs], hidden, &[outputs]].concat())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_follow_with_the_actor_or_are_copied_every_so_often() {
+        let due = |rule: TargetRule| -> Vec<Option<f64>> { (1..=6).map(|n| rule.due(n, 2)).collect() };
+        let (tau, all) = (Some(0.005), Some(1.0));
+        let polyak = due(TargetRule::Polyak { tau: 0.005 });
+        assert_eq!(polyak, [None, tau, None, tau, None, tau]);
+        let copied = due(TargetRule::HardCopy { every: 3 });
+        assert_eq!(copied, [None, None, all, None, None, all]);
     }
 }

@@ -1,7 +1,7 @@
 //! `mamf compare`
 
 use super::{FAILED, Misuse, tell};
-use crate::comparison::{
+use crate::lab::comparison::{
     self, Comparison, ComparisonError, Estimate, Interval, Measured, Metric, Options, Overall,
     TaskComparison,
 };

@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::{Episodes, FAILED, Misuse, say, tell};
-use crate::demonstration::{
+use crate::recordings::demo::{
     self, Description, EpisodeRecorder, Replayed, STORED_DIFFERENCE, UnusableRecording,
 };
-use crate::env::{Replay, Step};
-use crate::parallel::with_threads;
-use crate::random::stream;
-use crate::recording::{Recording, find};
-use crate::training::{Checkpoint, EpisodeResult, Evaluator, Watch};
+use crate::env::Inspect;
+use crate::task::Step;
+use crate::core::parallel::with_threads;
+use crate::core::random::stream;
+use crate::recordings::find;
+use crate::recordings::format::Recording;
+use crate::run::Checkpoint;
+use crate::training::{EpisodeResult, Evaluator, Watch};
 
 /// Episodes that run between two looks at what became of them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -67,14 +70,14 @@ struct Camera {
 impl Watch for Camera {
     type Seen = EpisodeRecorder;
 
-    fn begin(&self, env: &dyn Replay, observation: &[f64]) -> EpisodeRecorder {
+    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> EpisodeRecorder {
         EpisodeRecorder::begin(env, observation, &self.source)
     }
 
     fn step(
         &self,
         seen: &mut EpisodeRecorder,
-        env: &dyn Replay,
+        env: &dyn Inspect,
         action: &[f64],
         step: &Step,
         observation: &[f64],
@@ -166,7 +169,7 @@ fn line(episode: usize, result: &EpisodeResult) -> String {
 }
 
 fn info(pattern: &str) -> anyhow::Result<ExitCode> {
-    let (found, code) = each(pattern, demonstration::describe)?;
+    let (found, code) = each(pattern, demo::describe)?;
     if !found.is_empty() {
         print_info(&found)?;
     }
@@ -175,8 +178,8 @@ fn info(pattern: &str) -> anyhow::Result<ExitCode> {
 
 fn print_info(found: &[Description]) -> std::io::Result<()> {
     let (recordings, totals) = (
-        demonstration::descriptions(found),
-        demonstration::totals(found),
+        demo::descriptions(found),
+        demo::totals(found),
     );
     println(&format!(
         "{recordings}\n{totals}\n\
@@ -188,7 +191,7 @@ fn print_info(found: &[Description]) -> std::io::Result<()> {
 
 fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
     let (found, code) = each(pattern, |path| {
-        demonstration::replay(&Recording::open(path)?)
+        demo::replay(&Recording::open(path)?)
     })?;
     if !found.is_empty() {
         print_replay(&found)?;
@@ -197,7 +200,7 @@ fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
 }
 
 fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
-    let tables = demonstration::tables(found);
+    let tables = demo::tables(found);
     println(&format!(
         "{tables}\
          qpos, qvel: largest error after one step from each recorded state, over the steps compared, target bodies left\n\
@@ -206,7 +209,7 @@ fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
          stored: against reward_recorded, which differ: steps past {STORED_DIFFERENCE:.0e}, capped: with the spin term 8 at most, the\n\
          rule of the stored ones. success: flags that differ. open-loop: largest qpos error from the first state through\n\
          all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.",
-        drift = demonstration::DRIFT
+        drift = demo::DRIFT
     ))
 }
 

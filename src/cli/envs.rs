@@ -3,7 +3,8 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-use crate::env::{self, Info, Spec, Velocity};
+use crate::env::{self, Info, Velocity};
+use crate::task::Spec;
 
 /// Arguments of `mamf envs`.
 #[derive(Debug, clap::Args)]

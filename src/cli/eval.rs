@@ -2,9 +2,10 @@
 
 use super::{Episodes, Misuse};
 use crate::env;
-use crate::parallel::with_threads;
-use crate::random::stream;
-use crate::training::{Checkpoint, Evaluation, Evaluator};
+use crate::core::parallel::with_threads;
+use crate::core::random::stream;
+use crate::run::Checkpoint;
+use crate::training::{Evaluation, Evaluator};
 use anyhow::Context;
 use std::fs::File;
 use std::io::Write;

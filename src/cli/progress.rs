@@ -2,7 +2,8 @@
 
 use super::tell;
 use crate::config::Config;
-use crate::training::{Monitor, ReplayMemory, Status};
+use crate::run::ReplayMemory;
+use crate::training::{Monitor, Status};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;

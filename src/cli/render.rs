@@ -11,15 +11,17 @@ use signal_hook::flag;
 
 use super::progress::bar;
 use super::{Misuse, say, tell};
-use crate::demonstration;
-use crate::env::{self, Replay, Spec, Start};
-use crate::parallel::with_threads;
-use crate::random::{Stream, stream};
-use crate::recording::{Recording, Rows};
+use crate::recordings::demo;
+use crate::env::{self, Inspect};
+use crate::task::{Spec, Start};
+use crate::core::parallel::with_threads;
+use crate::core::random::{Stream, stream};
+use crate::recordings::format::{Recording, Rows};
 use crate::render::{
     self, Film, Format, LARGEST_SIDE, Painter, Playback, Shot, available, develop,
 };
-use crate::training::{Camera, Checkpoint, Evaluator};
+use crate::run::Checkpoint;
+use crate::training::{Camera, Evaluator};
 
 /// Episodes that run between two looks at them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -165,14 +167,14 @@ enum Source {
         left: usize,
     },
     Task {
-        env: Box<dyn Replay>,
+        env: Box<dyn Inspect>,
         actions: Actions,
         starts: Stream,
         noise: Stream,
         left: usize,
     },
     Recorded {
-        env: Box<dyn Replay>,
+        env: Box<dyn Inspect>,
         recording: Option<Box<Recording>>,
     },
 }
@@ -197,7 +199,7 @@ impl Source {
         // The command line has one of the three.
         let id = args.task.as_deref().unwrap_or_default();
         Ok(Source::Task {
-            env: env::make_replay(id)?,
+            env: env::make_inspect(id)?,
             actions: args.actions,
             starts,
             noise: stream(args.seed, "actions"),
@@ -207,7 +209,7 @@ impl Source {
 
     fn recorded(path: &Path) -> anyhow::Result<Source> {
         let recording = Recording::open(path)?;
-        let env = demonstration::task_of(&recording)?;
+        let env = demo::task_of(&recording)?;
         Ok(Source::Recorded {
             env,
             recording: Some(Box::new(recording)),
@@ -265,7 +267,7 @@ impl Source {
 
 /// One episode without a policy.
 fn play(
-    env: &mut dyn Replay,
+    env: &mut dyn Inspect,
     actions: Actions,
     mut start: Stream,
     noise: &mut Stream,
@@ -291,7 +293,7 @@ fn play(
 }
 
 /// The recorded states, an episode wherever the recording begins anew.
-fn recorded(env: &mut dyn Replay, recording: &Recording, limit: usize) -> Vec<Film> {
+fn recorded(env: &mut dyn Inspect, recording: &Recording, limit: usize) -> Vec<Film> {
     let spec = env.spec().clone();
     let mut observation = vec![0.0; spec.obs_size];
     let nothing = vec![0.0; spec.goal_size];

@@ -1,9 +1,9 @@
 //! `mamf sweep --slurm`
 
 use super::{FAILED, say, tell};
-use crate::files::{FileError, Files};
-use crate::sweep::slurm::{self, Elements, Request, Sbatch, TimeLimit};
-use crate::sweep::{PlannedRun, Standing};
+use crate::core::files::{FileError, Files};
+use crate::lab::sweep::slurm::{self, Elements, Request, Sbatch, TimeLimit};
+use crate::lab::sweep::{PlannedRun, Standing};
 use anyhow::Context;
 use std::io::Write;
 use std::path::{Path, PathBuf};

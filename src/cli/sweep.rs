@@ -2,8 +2,8 @@
 
 use super::table::Table;
 use super::{FAILED, INTERRUPTED, Misuse, slurm, tell, whole};
-use crate::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
-use crate::training::{LockError, RunDirectory, RunDirectoryError};
+use crate::lab::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
+use crate::run::{LockError, RunDirectory, RunDirectoryError};
 use anyhow::Context;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;

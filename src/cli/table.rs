@@ -1,7 +1,7 @@
 //! The runs of an experiment as they proceed: a live table on a terminal, elsewhere a line when one begins or ends.
 
 use super::tell;
-use crate::sweep::{Ended, PlannedRun, Progress, Watcher};
+use crate::lab::sweep::{Ended, PlannedRun, Progress, Watcher};
 use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::IsTerminal;

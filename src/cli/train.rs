@@ -3,10 +3,8 @@
 use super::progress::Progress;
 use super::{FAILED, INTERRUPTED, tell, whole};
 use crate::config::{self, Overrides};
-use crate::training::{
-    self, LockError, Monitor, Outcome, ReplayMemory, ResumeOptions, Resumed, RunDirectory,
-    RunDirectoryError, TrainError, Trainer,
-};
+use crate::run::{LockError, ReplayMemory, RunDirectory, RunDirectoryError};
+use crate::training::{self, Monitor, Outcome, ResumeOptions, Resumed, TrainError, Trainer};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 use std::io::Write;

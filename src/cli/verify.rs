@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use crate::env;
-use crate::verification::{self, Report, UnusableInput};
+use crate::recordings::verify::{self, Report, UnusableInput};
 
 /// Every rollout was reproduced.
 const PASSED: u8 = 0;

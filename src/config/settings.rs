@@ -1,15 +1,15 @@
 //! A configuration as typed values.
 
+use super::DemonstrationSettings;
 use super::Method;
 use super::keys::{self, Resume};
-use crate::agent::{AgentSettings, SmoothingSettings, TemperatureSettings};
-use crate::env::{self, MakeError, Spec, VelocityReading};
-use crate::imagination::{ExpansionSettings, ImaginationSettings, ModelSettings, RewardSource};
-use crate::nn::{Backend, Coupling, NetworkSettings, ScalingSettings};
-use crate::replay::DemonstrationSettings;
+use crate::agent::augment::{ExpansionSettings, ImaginationSettings};
+use crate::agent::{SmoothingSettings, TemperatureSettings};
+use crate::model::{ModelSettings, RewardSource};
+use crate::task::VelocityReading;
+use crate::nn::{Backend, NetworkSettings, ScalingSettings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
 /// A whole, resolved configuration. Each field has the name of a key, and of a section those in it; the
 /// [table of keys](super::KEYS) says what they mean.
@@ -190,57 +190,5 @@ impl Config {
         keys::find(key).is_none_or(|key| {
             key.refusal(self.method).is_none() && key.switched_off(&values).is_none()
         })
-    }
-}
-
-/// What is built from a configuration: simulators, and the settings of the agent.
-impl Config {
-    /// The task, wrapped as configured.
-    ///
-    /// # Errors
-    /// When there is no such task or MuJoCo can't run it.
-    pub fn env(&self) -> Result<Box<dyn env::Replay>, MakeError> {
-        let task = env::make_replay(&self.task)?;
-        Ok(match &self.doubled_actions {
-            None => task,
-            Some(DoubledActions { period }) => env::doubled(task, *period),
-        })
-    }
-
-    /// What the designer knows of the task, wrapped as configured.
-    ///
-    /// # Errors
-    /// When there is no such task or MuJoCo can't load its model.
-    pub fn task_rules(&self) -> Result<Arc<dyn env::Rules>, MakeError> {
-        let rules = env::rules(&self.task, self.rules.velocity)?;
-        Ok(match &self.doubled_actions {
-            None => rules,
-            Some(DoubledActions { period }) => {
-                let (plain, _) = env::make(&self.task)?;
-                env::doubled_rules(rules, plain.spec(), *period)
-            }
-        })
-    }
-
-    /// The coupling of actions as `spec` limits them.
-    pub fn coupling(&self, spec: &Spec) -> Coupling {
-        Coupling {
-            beta: self.action_coupling,
-            limit: spec.action_limit,
-        }
-    }
-
-    /// The part of the settings that the agent is built from, for actions as `spec` says.
-    pub fn agent(&self, spec: &Spec) -> AgentSettings {
-        AgentSettings {
-            base: self.method.base(),
-            networks: self.networks.clone(),
-            coupling: self.coupling(spec),
-            discount: self.discount,
-            tau: self.tau,
-            policy_delay: self.policy_delay,
-            smoothing: self.target_smoothing.clone(),
-            temperature: self.temperature.clone(),
-        }
     }
 }

@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use mujoco_rs::Model;
 
-use super::{Env, EnvState, Recorded, Replay, Rules, Spec, Start, StateMismatch, Step};
-use crate::random::Stream;
+use super::{Recorded, Inspect};
+use crate::task::{Env, EnvState, Rules, Spec, Start, StateMismatch, Step};
+use crate::core::random::Stream;
 
 /// A task whose actions are pairs of the wrapped task's: one half acts, the other has no effect, and
 /// every `period` steps they change places; an episode begins with the first half.
@@ -13,7 +14,7 @@ use crate::random::Stream;
 /// A phase bit follows the wrapped task's observation, before the goal: 0 while the first half acts, 1
 /// while the second one does.
 pub struct Doubled {
-    inner: Box<dyn Replay>,
+    inner: Box<dyn Inspect>,
     spec: Spec,
     period: usize,
     elapsed_steps: usize,
@@ -47,7 +48,7 @@ impl Layout {
 }
 
 /// The actions of `inner` doubled, with halves that change places every `period` steps (at least 1).
-pub fn doubled(inner: Box<dyn Replay>, period: usize) -> Box<dyn Replay> {
+pub fn doubled(inner: Box<dyn Inspect>, period: usize) -> Box<dyn Inspect> {
     let spec = inner.spec();
     let spec = Spec {
         obs_size: spec.obs_size + 1,
@@ -71,7 +72,7 @@ impl Doubled {
     fn observe<T>(
         &mut self,
         observation: &mut [f64],
-        write: impl FnOnce(&mut dyn Replay, &mut [f64]) -> T,
+        write: impl FnOnce(&mut dyn Inspect, &mut [f64]) -> T,
     ) -> T {
         let layout = Layout::of(self.inner.spec());
         let end = observation.len() - 1;
@@ -131,7 +132,7 @@ impl Env for Doubled {
     }
 }
 
-impl Replay for Doubled {
+impl Inspect for Doubled {
     fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) {
         self.inner.set_state(qpos, qvel);
     }
@@ -266,14 +267,15 @@ impl Rules for DoubledRules {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::{self, VelocityReading};
-    use crate::random::stream;
+    use crate::env;
+    use crate::task::VelocityReading;
+    use crate::core::random::stream;
 
-    fn made(id: &str, period: usize) -> (Box<dyn Replay>, Box<dyn Replay>, Arc<dyn Rules>) {
-        let plain = env::make_replay(id).unwrap();
+    fn made(id: &str, period: usize) -> (Box<dyn Inspect>, Box<dyn Inspect>, Arc<dyn Rules>) {
+        let plain = env::make_inspect(id).unwrap();
         let rules = env::rules(id, VelocityReading::Mean).unwrap();
         let rules = doubled_rules(rules, plain.spec(), period);
-        let wrapped = doubled(env::make_replay(id).unwrap(), period);
+        let wrapped = doubled(env::make_inspect(id).unwrap(), period);
         (plain, wrapped, rules)
     }
 

@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::random::Stream;
+use crate::core::random::Stream;
 
 /// Adds independent uniform numbers of `[-scale, scale)` to `numbers`.
 pub fn add_uniform(rng: &mut Stream, scale: f64, numbers: &mut [f64]) {
@@ -28,7 +28,7 @@ pub fn uniform(rng: &mut Stream, low: f64, high: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stream;
+    use crate::core::random::stream;
 
     #[test]
     fn noise_has_the_stated_size() {

@@ -8,7 +8,8 @@ use super::hands::{self, PenInertia};
 use super::locomotion::*;
 use super::scene;
 use super::simulation::Simulation;
-use super::{Env, Info, Replay, Rules, VelocityReading};
+use super::{Info, Inspect};
+use crate::task::{Env, Rules, VelocityReading};
 
 /// A registered task: its constants and how to build it.
 pub(super) struct Entry {
@@ -17,7 +18,7 @@ pub(super) struct Entry {
     pub rules: Box<BuildRules>,
 }
 
-type BuildSimulation = dyn Fn(Arc<Model>) -> mujoco_rs::Result<Box<dyn Replay>> + Send + Sync;
+type BuildSimulation = dyn Fn(Arc<Model>) -> mujoco_rs::Result<Box<dyn Inspect>> + Send + Sync;
 type BuildRules =
     dyn Fn(&Model, VelocityReading) -> mujoco_rs::Result<Arc<dyn Rules>> + Send + Sync;
 
@@ -101,14 +102,14 @@ pub fn make(id: &str) -> Result<Made, MakeError> {
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
 pub fn make_with(id: &str, reading: VelocityReading) -> Result<Made, MakeError> {
-    Ok((make_replay(id)?, rules(id, reading)?))
+    Ok((make_inspect(id)?, rules(id, reading)?))
 }
 
 /// The task `id` with access to its state, for checking recordings.
 ///
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
-pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
+pub fn make_inspect(id: &str) -> Result<Box<dyn Inspect>, MakeError> {
     let entry = find(id)?;
     Ok((entry.simulation)(model(id)?)?)
 }
@@ -118,7 +119,7 @@ pub fn make_replay(id: &str) -> Result<Box<dyn Replay>, MakeError> {
 ///
 /// # Errors
 /// If there is no such task or MuJoCo cannot run it.
-pub fn make_watched(id: &str, inertia: PenInertia) -> Result<Box<dyn Replay>, MakeError> {
+pub fn make_watched(id: &str, inertia: PenInertia) -> Result<Box<dyn Inspect>, MakeError> {
     let entry = find(id)?;
     let variant = |watched| scene::model(&hands::variant(entry.info.scene, inertia, watched));
     let mut replay = (entry.simulation)(variant(false)?)?;

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use mujoco_rs::{Data, Model};
 
 use super::task::{Command, Info, Recorded, Task};
-use super::{Env, EnvState, Replay, Spec, Start, StateMismatch, Step};
-use crate::random::Stream;
+use super::Inspect;
+use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
+use crate::core::random::Stream;
 
 /// A start that is refused this often is taken as it is; the model is broken then.
 const MOST_STARTS: usize = 100;
@@ -293,7 +294,7 @@ impl<T: Task> Env for Simulation<T> {
     }
 }
 
-impl<T: Task> Replay for Simulation<T> {
+impl<T: Task> Inspect for Simulation<T> {
     fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) {
         self.data.qpos_mut().copy_from_slice(qpos);
         self.data.qvel_mut().copy_from_slice(qvel);

@@ -5,7 +5,7 @@ use std::ops::Range;
 use mujoco_rs::Data;
 
 use super::scene::Scene;
-use crate::random::Stream;
+use crate::core::random::Stream;
 
 /// A named part of an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

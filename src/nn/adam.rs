@@ -4,7 +4,7 @@
 //! moments as plain slices, in the order in which the module visits its parameters. Group `adam` of
 //! `benches/update.rs` times both.
 
-use super::{Memory, Mlp, TrainableMlp, WeightError};
+use super::{LearningState, Mlp, TrainableMlp, WeightError};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
@@ -45,21 +45,21 @@ impl ScalarAdam {
         }
     }
 
-    /// Remembers steps and moments as `<name>.steps` and so on.
-    pub fn save(&self, name: &str, memory: &mut Memory) {
-        memory.set(&format!("{name}.steps"), self.steps.into());
-        memory.set(&format!("{name}.first"), self.first);
-        memory.set(&format!("{name}.second"), self.second);
+    /// Saves steps and moments as `<name>.steps` and so on.
+    pub fn save(&self, name: &str, state: &mut LearningState) {
+        state.set(&format!("{name}.steps"), self.steps.into());
+        state.set(&format!("{name}.first"), self.first);
+        state.set(&format!("{name}.second"), self.second);
     }
 
-    /// Goes on from what was remembered as `name`.
+    /// Goes on from what was saved as `name`.
     ///
     /// # Errors
     /// When something of it is missing.
-    pub fn restore(&mut self, name: &str, memory: &Memory) -> Result<(), WeightError> {
-        self.steps = steps(name, memory)?;
-        self.first = memory.number(&format!("{name}.first"))?;
-        self.second = memory.number(&format!("{name}.second"))?;
+    pub fn restore(&mut self, name: &str, state: &LearningState) -> Result<(), WeightError> {
+        self.steps = steps(name, state)?;
+        self.first = state.number(&format!("{name}.first"))?;
+        self.second = state.number(&format!("{name}.second"))?;
         Ok(())
     }
 
@@ -108,22 +108,22 @@ impl Adam {
         self.finite
     }
 
-    /// Remembers the number of steps as `<name>.steps`, and the moments of each array of `mlp`, which is
+    /// Saves the number of steps as `<name>.steps`, and the moments of each array of `mlp`, which is
     /// saved as `name`, as `<array>.first` and `<array>.second`.
-    pub fn save(&self, name: &str, mlp: &Mlp, memory: &mut Memory) {
-        memory.set(&format!("{name}.steps"), self.steps.into());
+    pub fn save(&self, name: &str, mlp: &Mlp, state: &mut LearningState) {
+        state.set(&format!("{name}.steps"), self.steps.into());
         for ((array, shape), moments) in mlp.arrays(name).iter().zip(&self.moments) {
-            memory.set_array(&format!("{array}.first"), &moments.first, shape);
-            memory.set_array(&format!("{array}.second"), &moments.second, shape);
+            state.set_array(&format!("{array}.first"), &moments.first, shape);
+            state.set_array(&format!("{array}.second"), &moments.second, shape);
         }
     }
 
-    /// Goes on from what was remembered as `name`.
+    /// Goes on from what was saved as `name`.
     ///
     /// # Errors
     /// When something of it is missing or has another shape than `mlp`.
-    pub fn restore(&mut self, name: &str, mlp: &Mlp, memory: &Memory) -> Result<(), WeightError> {
-        self.steps = steps(name, memory)?;
+    pub fn restore(&mut self, name: &str, mlp: &Mlp, state: &LearningState) -> Result<(), WeightError> {
+        self.steps = steps(name, state)?;
         // Before the first step there are none.
         let arrays = if self.steps == 0 {
             Vec::new()
@@ -132,8 +132,8 @@ impl Adam {
         };
         let moments = arrays.iter().map(|(array, shape)| {
             Ok(Moments {
-                first: memory.arrays.get(&format!("{array}.first"), shape)?,
-                second: memory.arrays.get(&format!("{array}.second"), shape)?,
+                first: state.arrays.get(&format!("{array}.first"), shape)?,
+                second: state.arrays.get(&format!("{array}.second"), shape)?,
             })
         });
         self.moments = moments.collect::<Result<_, WeightError>>()?;
@@ -166,10 +166,10 @@ impl Adam {
     }
 }
 
-/// The number of steps of the optimiser remembered as `name`.
-fn steps(name: &str, memory: &Memory) -> Result<i32, WeightError> {
+/// The number of steps of the optimiser saved as `name`.
+fn steps(name: &str, state: &LearningState) -> Result<i32, WeightError> {
     let name = format!("{name}.steps");
-    let steps = memory.count(&name)?;
+    let steps = state.count(&name)?;
     i32::try_from(steps).map_err(|_| WeightError::NotACount {
         name,
         number: steps as f64,

@@ -1,11 +1,33 @@
 //! Multilayer perceptrons as plain numbers, for predictions.
 
-use super::{WeightError, Weights};
-use crate::random::Stream;
+use super::{Activation, Normalisation, WeightError, Weights};
+use crate::core::random::Stream;
 use burn::tensor::TensorData;
 use rand_distr::{Distribution, Uniform};
 
-/// Linear layers with ReLU between them; the last layer is linear.
+/// What a perceptron is built of, as data.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Architecture {
+    /// Widths of the layers, input first and output last, at least two.
+    pub widths: Vec<usize>,
+    /// What every hidden layer's numbers pass through.
+    pub activation: Activation,
+    /// What is done to every hidden layer's numbers before that.
+    pub normalisation: Normalisation,
+}
+
+impl Architecture {
+    /// Plain layers with ReLU between them (paper, appendix B).
+    pub fn relu(widths: &[usize]) -> Architecture {
+        Architecture {
+            widths: widths.to_vec(),
+            activation: Activation::Relu,
+            normalisation: Normalisation::None,
+        }
+    }
+}
+
+/// Linear layers with a normalisation and an activation between them; the last layer is linear.
 ///
 /// This is what predicts: target networks, the acting policy, the dynamics model in imagination.
 /// What is trained is a [`TrainableMlp`](super::TrainableMlp). Predictions run on the same matrix
@@ -13,6 +35,8 @@ use rand_distr::{Distribution, Uniform};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mlp {
     layers: Vec<Dense>,
+    activation: Activation,
+    normalisation: Normalisation,
 }
 
 /// One layer, `y = x W + b`.
@@ -27,11 +51,11 @@ pub(super) struct Dense {
 }
 
 impl Mlp {
-    /// A perceptron of the given `widths`, input first and output last, at least two.
+    /// A perceptron of this `architecture`.
     ///
     /// Weights and biases are uniform within `1 / sqrt(inputs of the layer)`, the default of the
     /// library in which the published runs were made.
-    pub fn new(widths: &[usize], rng: &mut Stream) -> Mlp {
+    pub fn new(architecture: &Architecture, rng: &mut Stream) -> Mlp {
         let layer = |pair: &[usize]| {
             let (inputs, outputs) = (pair[0], pair[1]);
             let bound = 1.0 / (inputs as f32).sqrt();
@@ -45,7 +69,9 @@ impl Mlp {
             }
         };
         Mlp {
-            layers: widths.windows(2).map(layer).collect(),
+            layers: architecture.widths.windows(2).map(layer).collect(),
+            activation: architecture.activation,
+            normalisation: architecture.normalisation,
         }
     }
 
@@ -57,11 +83,8 @@ impl Mlp {
         let (first, rest) = self.layers.split_first().expect("at least one layer");
         let mut features = first.forward(input);
         for layer in rest {
-            // Unlike `max` this lets a NaN through, so that it is noticed; and unlike a branch it
-            // is done for many numbers at once.
-            features
-                .iter_mut()
-                .for_each(|x| *x = if *x < 0.0 { 0.0 } else { *x });
+            self.normalisation.apply(&mut features, layer.inputs);
+            self.activation.apply(&mut features);
             features = layer.forward(&features);
         }
         features
@@ -87,6 +110,16 @@ impl Mlp {
         if let Some(last) = self.layers.last_mut() {
             last.bias.fill(value);
         }
+    }
+
+    /// The biases of the last layer.
+    pub fn output_bias(&self) -> &[f32] {
+        self.layers.last().map_or(&[], |last| &last.bias)
+    }
+
+    /// What stands between its layers.
+    pub(super) fn between(&self) -> (Normalisation, Activation) {
+        (self.normalisation, self.activation)
     }
 
     /// The layers, input first.
@@ -128,12 +161,16 @@ impl Mlp {
         }
     }
 
-    /// The perceptron of the given `widths` saved as `name`.
+    /// The perceptron of this `architecture` saved as `name`.
     ///
     /// # Errors
     /// When an array is missing or has another shape.
-    pub fn load(name: &str, widths: &[usize], weights: &Weights) -> Result<Mlp, WeightError> {
-        let layers = widths.windows(2).enumerate().map(|(i, pair)| {
+    pub fn load(
+        name: &str,
+        architecture: &Architecture,
+        weights: &Weights,
+    ) -> Result<Mlp, WeightError> {
+        let layers = architecture.widths.windows(2).enumerate().map(|(i, pair)| {
             let (inputs, outputs) = (pair[0], pair[1]);
             let name = format!("{name}.l{}", i + 1);
             Ok(Dense {
@@ -145,6 +182,8 @@ impl Mlp {
         });
         Ok(Mlp {
             layers: layers.collect::<Result<_, _>>()?,
+            activation: architecture.activation,
+            normalisation: architecture.normalisation,
         })
     }
 }
@@ -203,7 +242,7 @@ fn add_product(c: &mut [f32], a: &[f32], b: &[f32], [m, k, n]: [usize; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stream;
+    use crate::core::random::stream;
 
     #[test]
     fn a_layer_is_x_w_plus_b() {
@@ -221,7 +260,7 @@ mod tests {
 
     #[test]
     fn rows_are_independent_and_hidden_layers_rectified() {
-        let mlp = Mlp::new(&[3, 16, 16, 2], &mut stream(1, "mlp"));
+        let mlp = Mlp::new(&Architecture::relu(&[3, 16, 16, 2]), &mut stream(1, "mlp"));
         let rows: Vec<f32> = (0..30).map(|i| (i as f32).sin()).collect();
         let all = mlp.forward(&rows);
         let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
@@ -235,14 +274,14 @@ mod tests {
 
     #[test]
     fn a_nan_is_not_swallowed() {
-        let mlp = Mlp::new(&[2, 4, 1], &mut stream(1, "mlp"));
+        let mlp = Mlp::new(&Architecture::relu(&[2, 4, 1]), &mut stream(1, "mlp"));
         assert!(mlp.forward(&[f32::NAN, 0.0])[0].is_nan());
     }
 
     #[test]
     fn polyak_moves_by_tau() {
-        let mut target = Mlp::new(&[1, 2], &mut stream(1, "a"));
-        let (before, online) = (target.clone(), Mlp::new(&[1, 2], &mut stream(1, "b")));
+        let mut target = Mlp::new(&Architecture::relu(&[1, 2]), &mut stream(1, "a"));
+        let (before, online) = (target.clone(), Mlp::new(&Architecture::relu(&[1, 2]), &mut stream(1, "b")));
         target.polyak(&online, 0.25);
         let moved =
             |i: usize| 0.75 * before.layers[0].weight[i] + 0.25 * online.layers[0].weight[i];

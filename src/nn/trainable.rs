@@ -1,15 +1,18 @@
 //! Multilayer perceptrons as burn modules, for training.
 
-use super::Mlp;
+use super::{Activation, Mlp, Normalisation};
 use burn::module::{Module, Param};
 use burn::nn::Linear;
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 
 /// The burn counterpart of an [`Mlp`]: differentiable, on a device.
 #[derive(Module, Debug)]
 pub struct TrainableMlp {
     layers: Vec<Linear>,
+    #[module(skip)]
+    normalisation: Normalisation,
+    #[module(skip)]
+    activation: Activation,
 }
 
 impl TrainableMlp {
@@ -23,7 +26,10 @@ impl TrainableMlp {
                 bias: Some(Param::from_data(bias, device)),
             }
         };
+        let (normalisation, activation) = mlp.between();
         TrainableMlp {
+            normalisation,
+            activation,
             layers: mlp.layers().iter().map(linear).collect(),
         }
     }
@@ -31,7 +37,9 @@ impl TrainableMlp {
     /// `[n, inputs]` to `[n, outputs]`.
     pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
         let (last, hidden) = self.layers.split_last().expect("at least one layer");
-        let features = hidden.iter().fold(input, |x, layer| relu(layer.forward(x)));
+        let features = hidden.iter().fold(input, |x, layer| {
+            self.activation.of(self.normalisation.of(layer.forward(x)))
+        });
         last.forward(features)
     }
 }

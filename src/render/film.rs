@@ -1,6 +1,7 @@
 //! What is kept of an episode to draw it afterwards.
 
-use crate::env::{Replay, Step};
+use crate::env::Inspect;
+use crate::task::Step;
 
 /// One state as it is drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +26,7 @@ pub struct Film {
 
 impl Film {
     /// Begins with the state that `env` is in.
-    pub fn begin(env: &dyn Replay) -> Film {
+    pub fn begin(env: &dyn Inspect) -> Film {
         Film {
             shots: vec![Shot {
                 qpos: env.shown_qpos(),
@@ -38,7 +39,7 @@ impl Film {
     }
 
     /// Appends the state that a step led to; nothing where the simulation diverged.
-    pub fn step(&mut self, env: &dyn Replay, step: &Step) {
+    pub fn step(&mut self, env: &dyn Inspect, step: &Step) {
         if step.diverged {
             return;
         }

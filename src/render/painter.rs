@@ -4,7 +4,8 @@ use mujoco_rs::render::{Camera, Caption, Corner, Picture, RenderError, Renderer}
 use mujoco_rs::{Model, Object};
 
 use super::Shot;
-use crate::env::{self, MakeError, Spec};
+use crate::env::{self, MakeError};
+use crate::task::Spec;
 
 /// The group of geoms that targets belong to, in the scenes whose targets are bodies of their own.
 const TARGETS: usize = 2;

@@ -20,9 +20,18 @@ pub struct Batch {
     pub terminated: Vec<f32>,
     /// Previous executed actions `p`, `[n, action_size]`; 0 after a reset.
     pub previous_action: Vec<f32>,
+    /// Where the rows lie in the replay buffer, `[n]`; empty where they are not from one.
+    pub indices: Vec<usize>,
+    /// Weights of the rows' losses, `[n]`; empty where all are 1.
+    pub weights: Vec<f32>,
 }
 
 impl Batch {
+    /// Weight of the loss of row `row`.
+    pub fn weight(&self, row: usize) -> f32 {
+        self.weights.get(row).copied().unwrap_or(1.0)
+    }
+
     /// Appends a transition.
     pub fn push(&mut self, transition: &Transition<'_>) {
         self.rows += 1;

@@ -1,8 +1,7 @@
 //! The replay buffer.
 
-use super::Batch;
-use crate::random::Stream;
-use rand::RngExt;
+use super::{Batch, Sampler};
+use crate::core::random::Stream;
 use std::collections::TryReserveError;
 use std::ops::Range;
 
@@ -158,8 +157,9 @@ impl ReplayBuffer {
         self.rows.is_empty()
     }
 
-    /// Stores a transition, over the oldest one when the buffer is full.
-    pub fn push(&mut self, t: Transition<'_>) {
+    /// Stores a transition, over the oldest one when the buffer is full; where it lies.
+    pub fn push(&mut self, t: Transition<'_>) -> usize {
+        let index = self.next();
         let mut row = self.next_row();
         let end = [t.reward, f32::from(u8::from(t.terminated))];
         for part in [t.obs, t.previous_action, t.action, t.next_obs, &end] {
@@ -168,6 +168,7 @@ impl ReplayBuffer {
             row = tail;
         }
         self.pushed += 1;
+        index
     }
 
     /// Row that the next transition is written to.
@@ -183,13 +184,16 @@ impl ReplayBuffer {
         &mut self.rows[start..start + width]
     }
 
-    /// `rows` transitions, uniform with replacement.
+    /// `rows` transitions as `sampler` chooses them.
     ///
     /// # Panics
     /// When the buffer is empty.
-    pub fn sample(&self, rows: usize, rng: &mut Stream) -> Batch {
-        let stored = self.len();
-        self.gather((0..rows).map(|_| rng.random_range(0..stored)), rows)
+    pub fn sample(&self, rows: usize, sampler: &dyn Sampler, rng: &mut Stream) -> Batch {
+        let chosen = sampler.choose(self.len(), rows, rng);
+        Batch {
+            weights: chosen.weights,
+            ..self.gather(chosen.indices)
+        }
     }
 
     /// The newest `rows` transitions, or as many as there are, newest first.
@@ -197,11 +201,13 @@ impl ReplayBuffer {
         let stored = self.len();
         let rows = rows.min(stored);
         let next = self.next();
-        self.gather((1..=rows).map(|back| (next + stored - back) % stored), rows)
+        self.gather((1..=rows).map(|back| (next + stored - back) % stored).collect())
     }
 
-    fn gather(&self, indices: impl Iterator<Item = usize>, rows: usize) -> Batch {
+    /// The transitions that lie at `indices`.
+    fn gather(&self, indices: Vec<usize>) -> Batch {
         let (so, sa, width) = (self.obs_size, self.action_size, self.width());
+        let rows = indices.len();
         let mut batch = Batch {
             rows,
             obs: Vec::with_capacity(rows * so),
@@ -210,8 +216,10 @@ impl ReplayBuffer {
             next_obs: Vec::with_capacity(rows * so),
             terminated: Vec::with_capacity(rows),
             previous_action: Vec::with_capacity(rows * sa),
+            indices: Vec::new(),
+            weights: Vec::new(),
         };
-        for i in indices {
+        for &i in &indices {
             let row = &self.rows[i * width..][..width];
             let (obs, row) = row.split_at(so);
             let (previous, row) = row.split_at(sa);
@@ -224,6 +232,7 @@ impl ReplayBuffer {
             batch.reward.push(end[0]);
             batch.terminated.push(end[1]);
         }
+        batch.indices = indices;
         batch
     }
 }
@@ -231,7 +240,8 @@ impl ReplayBuffer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stream;
+    use crate::core::random::stream;
+    use crate::replay::Uniform;
 
     fn push(buffer: &mut ReplayBuffer, i: f32) {
         buffer.push(Transition {
@@ -249,6 +259,7 @@ mod tests {
         let mut buffer = ReplayBuffer::new(10, 2, 1);
         (0..5).for_each(|i| push(&mut buffer, i as f32));
         let batch = buffer.newest(2);
+        assert_eq!(batch.indices, [4, 3]);
         assert_eq!(batch.obs, [4.0, 4.1, 3.0, 3.1]);
         assert_eq!(batch.action, [4.2, 3.2]);
         assert_eq!(batch.reward, [4.3, 3.3]);
@@ -270,7 +281,7 @@ mod tests {
     fn sampling_is_uniform_and_repeats_for_one_seed() {
         let mut buffer = ReplayBuffer::new(8, 2, 1);
         (0..8).for_each(|i| push(&mut buffer, i as f32));
-        let sample = |seed| buffer.sample(8000, &mut stream(seed, "replay"));
+        let sample = |seed| buffer.sample(8000, &Uniform, &mut stream(seed, "replay"));
         assert_eq!(sample(1), sample(1));
         let mut counts = [0; 8];
         sample(2)

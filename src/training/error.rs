@@ -3,8 +3,8 @@
 use super::{CheckpointError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
 use crate::config::ConfigError;
 use crate::env::MakeError;
-use crate::files::FileError;
-use crate::replay::DemonstrationError;
+use crate::core::files::FileError;
+use crate::recordings::DemonstrationError;
 use std::collections::TryReserveError;
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -137,23 +137,6 @@ pub enum TrainError {
         threads: usize,
         /// What the system said.
         error: rayon::ThreadPoolBuildError,
-    },
-}
-
-/// What a disk refused.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum DiskError {
-    /// A file or directory.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// A row of a curve that has no form as a line.
-    #[error("{}: {error}", path.display())]
-    Row {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        error: csv::Error,
     },
 }
 

@@ -1,10 +1,13 @@
-//! Episodes of the deterministic policy, in environments of their own.
+//! Episodes of whatever acts, in environments of their own.
 
-use crate::agent::Policy;
+use super::assemble::make_env;
+use crate::agent::{Controller, Moment};
 use crate::config::Config;
-use crate::env::{MakeError, Replay, Spec, Step};
-use crate::parallel::join;
-use crate::random::Stream;
+use crate::env::{Inspect, MakeError};
+use crate::task::{Spec, Step};
+use crate::core::parallel::join;
+use crate::core::random::Stream;
+use crate::run::EvalRow;
 use rand::SeedableRng;
 
 /// How one episode went.
@@ -61,6 +64,20 @@ impl Evaluation {
         successes.map(rate)
     }
 
+    /// The row of `eval.csv` after `step` environment steps.
+    pub fn row(&self, step: u64) -> EvalRow {
+        EvalRow {
+            step,
+            episodes: self.episodes.len(),
+            return_mean: self.return_mean(),
+            return_std: self.return_std(),
+            return_min: self.return_min(),
+            return_max: self.return_max(),
+            length_mean: self.length_mean(),
+            success_rate: self.success_rate(),
+        }
+    }
+
     fn returns(&self) -> impl Iterator<Item = f64> + '_ {
         self.episodes.iter().map(|e| e.episode_return)
     }
@@ -77,13 +94,13 @@ pub trait Watch: Sync {
     type Seen: Send;
 
     /// An episode began with this observation.
-    fn begin(&self, env: &dyn Replay, observation: &[f64]) -> Self::Seen;
+    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> Self::Seen;
 
     /// `action` was executed, with this outcome; `observation` follows it.
     fn step(
         &self,
         seen: &mut Self::Seen,
-        env: &dyn Replay,
+        env: &dyn Inspect,
         action: &[f64],
         step: &Step,
         observation: &[f64],
@@ -96,25 +113,25 @@ struct Unwatched;
 impl Watch for Unwatched {
     type Seen = ();
 
-    fn begin(&self, _: &dyn Replay, _: &[f64]) {}
+    fn begin(&self, _: &dyn Inspect, _: &[f64]) {}
 
-    fn step(&self, (): &mut (), _: &dyn Replay, _: &[f64], _: &Step, _: &[f64]) {}
+    fn step(&self, (): &mut (), _: &dyn Inspect, _: &[f64], _: &Step, _: &[f64]) {}
 }
 
 /// Two environments in which episodes are run side by side.
 pub struct Evaluator {
-    envs: [Box<dyn Replay>; 2],
+    envs: [Box<dyn Inspect>; 2],
     rng: Stream,
 }
 
 impl Evaluator {
-    /// An evaluator of policies for the task of `config`; `rng` seeds the episodes.
+    /// An evaluator of controllers for the task of `config`; `rng` seeds the episodes.
     ///
     /// # Errors
     /// When there is no such task or MuJoCo can't run it.
     pub fn new(config: &Config, rng: Stream) -> Result<Evaluator, MakeError> {
         Ok(Evaluator {
-            envs: [config.env()?, config.env()?],
+            envs: [make_env(config)?, make_env(config)?],
             rng,
         })
     }
@@ -136,8 +153,8 @@ impl Evaluator {
 
     /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not
     /// depend on which environment it runs in, nor on the number of threads.
-    pub fn evaluate(&mut self, policy: &Policy, episodes: usize) -> Evaluation {
-        let watched = self.evaluate_watched(policy, episodes, &Unwatched);
+    pub fn evaluate(&mut self, controller: &dyn Controller, episodes: usize) -> Evaluation {
+        let watched = self.evaluate_watched(controller, episodes, &Unwatched);
         Evaluation {
             episodes: watched.into_iter().map(|(result, ())| result).collect(),
         }
@@ -147,21 +164,26 @@ impl Evaluator {
     /// the same whether all are run at once or some now and some later.
     pub fn evaluate_watched<W: Watch>(
         &mut self,
-        policy: &Policy,
+        controller: &dyn Controller,
         episodes: usize,
         watch: &W,
     ) -> Vec<(EpisodeResult, W::Seen)> {
         let streams: Vec<Stream> = (0..episodes)
             .map(|_| Stream::from_rng(&mut self.rng))
             .collect();
-        let run = |env: &mut Box<dyn Replay>, first: usize| -> Vec<(EpisodeResult, W::Seen)> {
+        let run = |env: &mut dyn Inspect, mut actor: Box<dyn Controller>, first: usize| {
             let streams = streams.iter().skip(first).step_by(2);
-            streams
-                .map(|stream| run_episode(env.as_mut(), policy, &mut stream.clone(), watch))
-                .collect()
+            let episodes = streams.map(|stream| {
+                run_episode(env, actor.as_mut(), &mut stream.clone(), watch)
+            });
+            episodes.collect::<Vec<_>>()
         };
         let [even, odd] = &mut self.envs;
-        let (even, odd) = join(|| run(even, 0), || run(odd, 1));
+        let [first, second] = [controller.another(), controller.another()];
+        let (even, odd) = join(
+            || run(even.as_mut(), first, 0),
+            || run(odd.as_mut(), second, 1),
+        );
         let mut odd = odd.into_iter();
         even.into_iter()
             .flat_map(|e| [Some(e), odd.next()])
@@ -170,10 +192,10 @@ impl Evaluator {
     }
 }
 
-/// One episode of the deterministic policy.
+/// One episode; `rng` draws its beginning, and what the controller leaves to chance.
 fn run_episode<W: Watch>(
-    env: &mut dyn Replay,
-    policy: &Policy,
+    env: &mut dyn Inspect,
+    controller: &mut dyn Controller,
     rng: &mut Stream,
     watch: &W,
 ) -> (EpisodeResult, W::Seen) {
@@ -188,20 +210,28 @@ fn run_episode<W: Watch>(
     };
     env.reset(rng, &mut observation);
     let mut seen = watch.begin(env, &observation);
+    let mut step = 0;
     loop {
         let obs: Vec<f32> = observation.iter().map(|x| *x as f32).collect();
-        previous = policy.act(&obs, &previous);
+        let moment = Moment {
+            obs: &obs,
+            previous: &previous,
+            step,
+            env: &*env,
+        };
+        previous = controller.act(&moment, rng);
+        step += 1;
         let action: Vec<f64> = previous.iter().map(|a| f64::from(*a)).collect();
-        let step = env.step(&action, &mut observation);
-        watch.step(&mut seen, env, &action, &step, &observation);
-        result.diverged |= step.diverged;
-        if !step.diverged {
-            result.episode_return += step.reward;
+        let outcome = env.step(&action, &mut observation);
+        watch.step(&mut seen, env, &action, &outcome, &observation);
+        result.diverged |= outcome.diverged;
+        if !outcome.diverged {
+            result.episode_return += outcome.reward;
             result.length += 1;
         }
         // A simulation that blew up has not succeeded, whatever it did before.
-        result.success = step.success.or(result.success.map(|_| false));
-        if step.terminated || step.truncated {
+        result.success = outcome.success.or(result.success.map(|_| false));
+        if outcome.terminated || outcome.truncated {
             return (result, seen);
         }
     }

@@ -2,10 +2,11 @@
 //! the simulator, and values against returns.
 
 use super::Watch;
-use crate::agent::{Agent, ImaginationDraws, ModelDraws, Sample};
-use crate::env::{Env, EnvState, Replay, Step};
+use crate::agent::{ActorCritic, Agent};
+use crate::env::Inspect;
+use crate::task::{Env, EnvState, Step};
 use crate::nn::ObservationScaling;
-use crate::random::Stream;
+use crate::core::random::Stream;
 use crate::replay::{Batch, Transition};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -32,17 +33,30 @@ impl Reservoir {
         }
     }
 
-    /// The place of the next transition, if it is chosen; its state is to be saved then.
-    pub fn place(&mut self) -> Option<usize> {
+    /// The place of the next transition after `new` ones that are to be added, if it is chosen; its state is to be
+    /// saved then.
+    fn place(&mut self, new: usize) -> Option<usize> {
         self.seen += 1;
-        if self.states.len() < self.capacity {
-            return Some(self.states.len());
+        let next = self.states.len() + new;
+        if next < self.capacity {
+            return Some(next);
         }
         if self.capacity == 0 {
             return None;
         }
         let place = self.rng.random_range(0..self.seen);
         (place < self.capacity).then_some(place)
+    }
+
+    /// The places of the next `steps` transitions, which are taken side by side, of those that are chosen.
+    pub fn places(&mut self, steps: usize) -> Vec<Option<usize>> {
+        let mut new = 0;
+        let places = (0..steps).map(|_| {
+            let place = self.place(new);
+            new += usize::from(place.is_some_and(|place| place >= self.states.len()));
+            place
+        });
+        places.collect()
     }
 
     /// Keeps a transition that began in `state` at its place.
@@ -69,38 +83,44 @@ pub(super) struct Probing {
     /// Where they begin.
     pub reservoir: Reservoir,
     /// Where they are executed.
-    pub env: Box<dyn Replay>,
+    pub env: Box<dyn Inspect>,
 }
 
-/// Errors of imagined steps against the simulator, of the rows that the filters keep or drop.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct ImaginedErrors {
-    /// Root mean square error of the next observation, in scaled space.
-    pub state: Option<f64>,
-    /// Mean absolute error of the reward.
-    pub reward: Option<f64>,
-    /// Mean absolute error of the target `y_hat`.
-    pub target: Option<f64>,
+/// Errors of imagined steps against the simulator, of the rows that the filters keep and of those they drop.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Errors {
+    /// Of those that train the critics.
+    kept: Sums,
+    /// Of the others.
+    dropped: Sums,
 }
 
-/// Sums of errors over rows.
-#[derive(Default)]
+impl Errors {
+    /// The figures by the names of their columns; none of rows that there are not.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let named = |sums: &Sums, names: [&'static str; 3]| {
+            let means = [sums.state, sums.reward, sums.target].map(|sum| sum / sums.rows as f64);
+            let figures = [means[0].sqrt(), means[1], means[2]];
+            names.into_iter().zip(figures).take(3 * sums.rows.min(1))
+        };
+        let kept = ["kept_state_error", "kept_reward_error", "kept_target_error"];
+        let dropped = [
+            "dropped_state_error",
+            "dropped_reward_error",
+            "dropped_target_error",
+        ];
+        named(&self.kept, kept).chain(named(&self.dropped, dropped))
+    }
+}
+
+/// Sums of errors over rows: squared ones of the next observation in scaled space (a mean over coordinates a row),
+/// absolute ones of reward and target `y_hat`.
+#[derive(Debug, Clone, Default, PartialEq)]
 struct Sums {
     rows: usize,
     state: f64,
     reward: f64,
     target: f64,
-}
-
-impl Sums {
-    fn errors(&self) -> ImaginedErrors {
-        let mean = |sum: f64| (self.rows > 0).then(|| sum / self.rows as f64);
-        ImaginedErrors {
-            state: mean(self.state).map(f64::sqrt),
-            reward: mean(self.reward),
-            target: mean(self.target),
-        }
-    }
 }
 
 /// Executes in `env` what `agent` imagines in the states of `reservoir`. The errors of the rows that train
@@ -110,22 +130,14 @@ pub(super) fn measure(
     reservoir: &mut Reservoir,
     env: &mut dyn Env,
     scaling: &ObservationScaling,
-) -> Option<[ImaginedErrors; 2]> {
+) -> Option<Errors> {
     let rows = reservoir.batch.rows;
     if rows == 0 {
         return None;
     }
     let (so, sa) = (env.spec().obs_size, env.spec().action_size);
-    let batch = reservoir.batch.clone();
-    let draws = ModelDraws {
-        imagination: Some(ImaginationDraws::draw(rows, sa, &mut reservoir.rng)),
-        batch: batch.clone(),
-    };
-    let sample = Sample {
-        model: Some(draws),
-        ..Sample::draw(batch, sa, &mut reservoir.rng)
-    };
-    let probe = agent.probe(&sample, scaling)?;
+    let Agent { core, augment, .. } = agent;
+    let probe = augment.probe(core, &reservoir.batch, scaling, &mut reservoir.rng)?;
 
     let (mut next_obs, mut reward, mut ended) = (Vec::new(), Vec::new(), Vec::new());
     let mut observation = vec![0.0; so];
@@ -140,14 +152,16 @@ pub(super) fn measure(
         ended.push(f32::from(u8::from(step.terminated)));
     }
     let scaled = scaling.scale(&next_obs);
-    let y = agent.imaginary_backup(&sample, &probe.action, &scaled, &reward, &ended);
+    // The targets had the actions led where the simulator says, under the same noise.
+    let values = core.bootstrap(&scaled, &probe.action, &probe.next_noise);
+    let y = core.backup(&reward, &ended, &values.value);
 
-    let [mut kept, mut dropped] = [Sums::default(), Sums::default()];
+    let mut errors = Errors::default();
     for i in (0..rows).filter(|&i| sound[i]) {
         let sums = if probe.kept.rows.contains(&i) {
-            &mut kept
+            &mut errors.kept
         } else {
-            &mut dropped
+            &mut errors.dropped
         };
         let pairs = probe.next_obs[i * so..][..so].iter().zip(&scaled[i * so..]);
         let squares = pairs.map(|(a, b)| f64::from(a - b).powi(2));
@@ -156,7 +170,7 @@ pub(super) fn measure(
         sums.reward += f64::from(probe.reward[i] - reward[i]).abs();
         sums.target += f64::from(probe.y_hat[i] - y[i]).abs();
     }
-    Some([kept.errors(), dropped.errors()])
+    Some(errors)
 }
 
 /// Keeps what the critics' values are compared with.
@@ -176,7 +190,7 @@ pub(super) struct SeenEpisode {
 impl Watch for Returns {
     type Seen = SeenEpisode;
 
-    fn begin(&self, env: &dyn Replay, observation: &[f64]) -> SeenEpisode {
+    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> SeenEpisode {
         SeenEpisode {
             obs: single(observation),
             previous: vec![0.0; env.spec().action_size],
@@ -187,7 +201,7 @@ impl Watch for Returns {
     fn step(
         &self,
         seen: &mut SeenEpisode,
-        _: &dyn Replay,
+        _: &dyn Inspect,
         action: &[f64],
         step: &Step,
         observation: &[f64],
@@ -207,7 +221,7 @@ impl Watch for Returns {
 /// Mean of `Q1(s, a)` minus the discounted return from there, over the first half of each episode. Where an
 /// episode is cut, the critic's own value at the cut stands for what would have followed.
 pub(super) fn q_bias(
-    agent: &Agent,
+    core: &ActorCritic,
     episodes: &[SeenEpisode],
     discount: f64,
     scaling: &ObservationScaling,
@@ -223,7 +237,7 @@ pub(super) fn q_bias(
             0.0
         } else {
             let last = (&episode.obs[steps * so..], &episode.previous[steps * sa..]);
-            f64::from(agent.value(last.0, last.1, scaling)[0])
+            f64::from(core.value(last.0, last.1, scaling)[0])
         };
         let mut returns = vec![0.0; steps];
         for t in (0..steps).rev() {
@@ -231,7 +245,7 @@ pub(super) fn q_bias(
             returns[t] = value;
         }
         let half = steps.div_ceil(2);
-        let said = agent.q(
+        let said = core.q(
             &episode.obs[..half * so],
             &episode.previous[..half * sa],
             &episode.action[..half * sa],
@@ -251,10 +265,10 @@ fn single(numbers: &[f64]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Augmentation;
+    use crate::training::assemble::agent_settings;
     use crate::config::{Config, Method};
     use crate::env;
-    use crate::random::stream;
+    use crate::core::random::stream;
 
     #[test]
     fn a_reservoir_is_a_uniform_choice() {
@@ -262,7 +276,7 @@ mod tests {
         let mut counts = [0; 5];
         for _ in 0..400 {
             for t in 0..100 {
-                if let Some(place) = reservoir.place() {
+                if let Some(place) = reservoir.places(1)[0] {
                     let obs = [t as f32];
                     let transition = Transition {
                         obs: &obs,
@@ -288,14 +302,14 @@ mod tests {
 
     #[test]
     fn kept_states_are_those_before_their_transitions() {
-        let mut env = env::make_replay("Hopper-v4").unwrap();
+        let mut env = env::make_inspect("Hopper-v4").unwrap();
         let mut rng = stream(5, "env");
         let mut obs = vec![0.0; 11];
         env.reset(&mut rng, &mut obs);
         let mut reservoir = Reservoir::new(20, stream(5, "telemetry"));
         for t in 0..200 {
             let action = [0.3 * f64::from(t).sin(), 0.2, -0.1];
-            let place = reservoir.place().map(|place| (place, env.snapshot()));
+            let place = reservoir.places(1)[0].map(|place| (place, env.snapshot()));
             let before = single(&obs);
             let step = env.step(&action, &mut obs);
             if let Some((place, state)) = place {
@@ -334,11 +348,10 @@ mod tests {
     fn the_bias_is_value_minus_return() {
         let config = Config::preset(Method::Td3);
         let spec = env::make("InvertedPendulum-v4").unwrap().0.spec().clone();
-        let agent = Agent::new(
-            config.agent(&spec),
+        let core = ActorCritic::new(
+            agent_settings(&config, &spec),
             4,
             1,
-            Augmentation::None,
             &mut stream(6, "init"),
             &config.compute.backend.device(),
         );
@@ -354,7 +367,7 @@ mod tests {
             terminated: true,
         };
         // Two of three steps are compared.
-        let q = agent.q(
+        let q = core.q(
             &episode.obs[..8],
             &episode.previous[..2],
             &episode.action[..2],
@@ -363,15 +376,15 @@ mod tests {
         let said = f64::from(q[0] + q[1]);
         let bias = |episode: &SeenEpisode| {
             let alone = std::slice::from_ref(episode);
-            q_bias(&agent, alone, 0.5, &scaling).unwrap()
+            q_bias(&core, alone, 0.5, &scaling).unwrap()
         };
         let returns = (1.0 + 0.5 * (2.0 + 0.5 * 4.0)) + (2.0 + 0.5 * 4.0);
         assert!((bias(&episode) - (said - returns) / 2.0).abs() < 1e-6);
         episode.terminated = false;
-        let tail = f64::from(agent.value(&episode.obs[12..], &episode.previous[3..], &scaling)[0]);
+        let tail = f64::from(core.value(&episode.obs[12..], &episode.previous[3..], &scaling)[0]);
         let returns = returns + tail * (0.125 + 0.25);
         assert!((bias(&episode) - (said - returns) / 2.0).abs() < 1e-6);
-        assert_eq!(q_bias(&agent, &[], 0.5, &scaling), None);
+        assert_eq!(q_bias(&core, &[], 0.5, &scaling), None);
     }
 
     fn state(elapsed_steps: usize) -> EnvState {

@@ -3,8 +3,9 @@
 use super::{Evaluator, Watch};
 use crate::agent::Policy;
 use crate::config::Config;
-use crate::env::{Replay, Step};
-use crate::random::stream;
+use crate::env::Inspect;
+use crate::task::Step;
+use crate::core::random::stream;
 use crate::render::{
     self, Film, FilmError, Format, OutputError, PaintError, Painter, Playback, RenderError, develop,
 };
@@ -24,11 +25,11 @@ pub struct Camera {
 impl Watch for Camera {
     type Seen = Film;
 
-    fn begin(&self, env: &dyn Replay, _: &[f64]) -> Film {
+    fn begin(&self, env: &dyn Inspect, _: &[f64]) -> Film {
         Film::begin(env)
     }
 
-    fn step(&self, film: &mut Film, env: &dyn Replay, _: &[f64], step: &Step, _: &[f64]) {
+    fn step(&self, film: &mut Film, env: &dyn Inspect, _: &[f64], step: &Step, _: &[f64]) {
         if film.shots().len() <= self.limit {
             film.step(env, step);
         }

@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mamf::nn::Weights;
-use mamf::training::Checkpoint;
+use mamf::run::Checkpoint;
 
 fuzz_target!(|parts: (&[u8], &[u8], &[u8])| {
     let (weights, config, state) = parts;

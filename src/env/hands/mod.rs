@@ -18,8 +18,9 @@ use super::registry::Entry;
 use super::scene::Scene;
 use super::simulation::Simulation;
 use super::task::{Block, Command, Info, Recorded, Task, Velocity, block, goal};
-use super::{Replay, Rules};
-use crate::random::Stream;
+use super::Inspect;
+use crate::task::Rules;
+use crate::core::random::Stream;
 use layout::{
     CATCH_OVERARM, CATCH_UNDERARM, CATCH_UNDERARM_HARD, HAND_OVER, Layout, SPIN, TWO_CATCH_UNDERARM,
 };
@@ -178,7 +179,7 @@ fn pen_spin() -> Entry {
         info,
         simulation: Box::new(move |model| {
             let task = PenSpin::new(&model)?;
-            Ok(Box::new(Simulation::new(model, &info, task)?) as Box<dyn Replay>)
+            Ok(Box::new(Simulation::new(model, &info, task)?) as Box<dyn Inspect>)
         }),
         rules: Box::new(|model, _| Ok(Arc::new(Spin::new(model)))),
     }
@@ -206,7 +207,7 @@ fn two_hands(family: &'static Family, object: Object, reward: Reward) -> Entry {
         info,
         simulation: Box::new(move |model| {
             let task = TwoHands::new(layout, object, reward, &model)?;
-            Ok(Box::new(Simulation::new(model, &info, task)?) as Box<dyn Replay>)
+            Ok(Box::new(Simulation::new(model, &info, task)?) as Box<dyn Inspect>)
         }),
         rules: Box::new(move |_, _| Ok(Arc::new(Handle::new(layout, reward)))),
     }

@@ -8,9 +8,8 @@ use mujoco_rs::{Data, Model, Object};
 use super::layout::SPIN;
 use super::noise::add_normal;
 use super::pose::{POSE, Quaternion, product, rotation};
-use super::{
-    Command, HAND_JOINTS as HAND, Recorded, Rules, SETTLING_STEPS, Stream, Task, forearms,
-};
+use super::{Command, HAND_JOINTS as HAND, Recorded, SETTLING_STEPS, Stream, Task, forearms};
+use crate::task::Rules;
 
 /// The pen's spin, about its own x axis, in `qvel` and in the observation.
 const SPIN_QVEL: usize = HAND + 3;

@@ -58,7 +58,7 @@ pub fn distance(a: &[f64; POSE], b: &[f64; POSE]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stream;
+    use crate::core::random::stream;
     use std::f64::consts::PI;
 
     #[test]

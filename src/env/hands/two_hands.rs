@@ -9,7 +9,8 @@ use super::layout::{Beginning, Layout, POISED, Region};
 use super::noise::uniform;
 use super::pose::{POSE, distance, product, random_rotation};
 use super::scene::Object;
-use super::{Command, HAND_JOINTS, Recorded, Rules, SETTLING_STEPS, Stream, Task, forearms};
+use super::{Command, HAND_JOINTS, Recorded, SETTLING_STEPS, Stream, Task, forearms};
+use crate::task::Rules;
 
 /// Joints of a moving mount.
 const MOUNT_JOINTS: usize = 6;

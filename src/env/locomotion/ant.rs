@@ -7,7 +7,8 @@ use mujoco_rs::{Data, Model, Object};
 use super::forward::Forward;
 use super::noise::{add_normal, add_uniform};
 use super::task::{block, body_position, effort, write};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 0.5;

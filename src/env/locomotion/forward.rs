@@ -3,7 +3,7 @@
 use mujoco_rs::Data;
 
 use super::task::write;
-use super::{Rules, VelocityReading};
+use crate::task::{Rules, VelocityReading};
 
 /// `reward = v + alive - control_weight * |a|^2`, with the forward velocity v read from the
 /// observations on both sides of the step (the simulator uses a difference quotient of positions,

@@ -7,7 +7,8 @@ use mujoco_rs::{Data, Model};
 use super::forward::{Forward, observe_within_bound};
 use super::noise::add_uniform;
 use super::task::{block, effort};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 1e-3;

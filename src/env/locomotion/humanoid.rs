@@ -7,7 +7,8 @@ use mujoco_rs::{Data, Model};
 use super::forward::effort as effort_f32;
 use super::noise::add_uniform;
 use super::task::{Block, block, effort, write};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 const FORWARD_WEIGHT: f64 = 1.25;
 const ALIVE: f64 = 5.0;

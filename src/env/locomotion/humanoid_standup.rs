@@ -8,7 +8,8 @@ use super::forward::effort as effort_f32;
 use super::humanoid::{CONTACT, Constant, OBSERVATION, observe};
 use super::noise::add_uniform;
 use super::task::effort;
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 const ALIVE: f64 = 1.0;
 const CONTROL_WEIGHT: f64 = 0.1;

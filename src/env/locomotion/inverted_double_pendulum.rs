@@ -6,7 +6,8 @@ use mujoco_rs::{Data, Model, Object};
 
 use super::noise::{add_normal, add_uniform};
 use super::task::{block, write};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 /// Velocities and forces are observed within this bound.
 const MAX_OBSERVED: f64 = 10.0;

@@ -6,7 +6,8 @@ use mujoco_rs::{Data, Model};
 
 use super::noise::add_uniform;
 use super::task::{block, write};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 /// The largest angle of the pole, in radians, at which the task goes on.
 const MAX_ANGLE: f64 = 0.2;

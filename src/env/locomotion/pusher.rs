@@ -7,7 +7,8 @@ use mujoco_rs::{Data, Model, Object};
 use super::forward::effort as effort_f32;
 use super::noise::{add_uniform, uniform};
 use super::task::{block, body_position, distance, effort, write};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 const NEAR_WEIGHT: f64 = 0.5;
 const CONTROL_WEIGHT: f64 = 0.1;

@@ -8,7 +8,8 @@ use mujoco_rs::{Data, Model, Object};
 use super::forward::effort as effort_f32;
 use super::noise::{add_uniform, uniform};
 use super::task::{block, body_position, effort, write};
-use super::{Info, Locomotion, Rules, Scene, Stream, Task, Velocity, VelocityReading};
+use super::{Info, Locomotion, Scene, Stream, Task, Velocity};
+use crate::task::{Rules, VelocityReading};
 
 /// Targets are drawn from the disc of this radius, in metres.
 const REACH: f64 = 0.2;

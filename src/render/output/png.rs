@@ -8,7 +8,7 @@ use flate2::{Compression, Crc};
 use mujoco_rs::render::Picture;
 
 use super::{Encoder, OutputError, failed};
-use crate::new_file::NewFile;
+use crate::core::new_file::NewFile;
 
 const SIGNATURE: &[u8; 8] = b"\x89PNG\r\n\x1a\n";
 /// Bytes of a pixel: red, green, blue.

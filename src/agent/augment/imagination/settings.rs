@@ -1,0 +1,63 @@
+//! Settings of imagination.
+
+use serde::{Deserialize, Serialize};
+
+/// By what the disagreement of the target critics is divided to give a probability.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UncertaintyScale {
+    /// The largest disagreement since phase 2 began (paper).
+    RunningMax,
+    /// The largest disagreement of the batch (released code).
+    BatchMax,
+}
+
+/// By what the summed loss of the kept imaginary rows is divided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ImaginaryLossMean {
+    /// The number of kept rows (paper, equation 10).
+    Kept,
+    /// The batch size (released code).
+    Batch,
+}
+
+/// How `y_hat` is compared with `y` in the target filter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TargetComparison {
+    /// `y_hat >= y` (paper, equation 8).
+    GreaterEqual,
+    /// `y_hat > y` (released code).
+    Greater,
+}
+
+/// Imaginary transitions (paper, section 4); used by the methods that imagine.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImaginationSettings {
+    /// Optimistic start of the critics (equation 6).
+    pub optimism: bool,
+    /// Decay of the bound of the action noise.
+    pub noise_decay: bool,
+    /// Keep only rows whose target is not below the real one (equation 8).
+    pub target_filter: bool,
+    /// Keep rows in proportion to the target critics' disagreement (equation 9).
+    pub uncertainty_filter: bool,
+    /// Deviation of the actions' noise before it is clipped; 1 is `N(0, 1)` of equation 7.
+    pub noise_deviation: f64,
+    /// Whether that deviation is a fraction of the action limit.
+    pub noise_relative: bool,
+    /// Bound `eta` of the noise at first, as a fraction of the action limit.
+    pub noise_bound: f64,
+    /// `c` in equation 6.
+    pub bias_factor: f64,
+    /// `rho`: factor of the noise bound per update.
+    pub decay_rate: f64,
+    /// Comparison of the target filter.
+    pub target_comparison: TargetComparison,
+    /// Scale of the uncertainty filter.
+    pub uncertainty_scale: UncertaintyScale,
+    /// Mean of the imaginary part of the critic loss.
+    pub imaginary_loss_mean: ImaginaryLossMean,
+}

@@ -1,0 +1,285 @@
+//! Runs of two sides, paired by task and seed.
+
+use crate::config::DoubledActions;
+use crate::run::{CurveError, EvalRow, read_evaluations};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why two sides can't be compared. Every message names files, or the runs.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ComparisonError {
+    /// A side names nothing.
+    #[error(
+        "{0}: no such directory; a side is a run directory, a folder above some, or a quoted pattern of them, for example 'runs/comparison/*/mamf'"
+    )]
+    Missing(String),
+    /// A side is no pattern.
+    #[error("{pattern}: not a pattern: {error}")]
+    Pattern {
+        /// The side as it was given.
+        pattern: String,
+        /// Where it goes wrong.
+        error: glob::PatternError,
+    },
+    /// There is no run.
+    #[error("{0}: no run there, that is, no directory that holds an eval.csv")]
+    NoRun(String),
+    /// A directory or a file can't be read.
+    #[error("{}: {error}", path.display())]
+    Unreadable {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        error: io::Error,
+    },
+    /// The settings of a run are not what they should be.
+    #[error("{}: {error}", path.display())]
+    Settings {
+        /// The file.
+        path: PathBuf,
+        /// Position and reason.
+        error: Box<toml::de::Error>,
+    },
+    /// The curve of a run can't be read.
+    #[error(transparent)]
+    Curve(CurveError),
+    /// Two runs of one side have the same task and seed.
+    #[error(
+        "{side}: two runs of {key}: {} and {}; name the runs of one method, for example with a pattern such as 'runs/comparison/*/mamf'", runs[0].display(), runs[1].display()
+    )]
+    Twice {
+        /// The side as it was given.
+        side: String,
+        /// Task and seed.
+        key: String,
+        /// The runs.
+        runs: [PathBuf; 2],
+    },
+    /// One run stands on both sides.
+    #[error("{}: this run is on both sides", .0.display())]
+    Same(PathBuf),
+    /// Some runs have no partner.
+    #[error(
+        "without a partner of the same task and seed: {}; {}",
+        .0.join(", "),
+        "make the missing runs, name the sides more closely, or leave them out with --paired-only"
+    )]
+    Unpaired(Vec<String>),
+    /// No run has a partner.
+    #[error("no two runs have the same task and seed: A has {}; B has {}", .0[0], .0[1])]
+    NothingPairs([String; 2]),
+    /// A run has no such figure.
+    #[error("{}: success_rate is empty: the task {task} does not know success; compare its return", path.display())]
+    NoSuccess {
+        /// Its curve.
+        path: PathBuf,
+        /// Its task.
+        task: String,
+    },
+    /// A threshold is for a task that is not compared.
+    #[error("--threshold {threshold}: no such task is compared; compared are {tasks}")]
+    UnknownTask {
+        /// The option.
+        threshold: String,
+        /// Those that there are.
+        tasks: String,
+    },
+}
+
+/// A run and its learning curve.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its directory.
+    pub directory: PathBuf,
+    /// What of its settings matters here.
+    pub settings: Settings,
+    /// Its evaluations.
+    pub curve: Vec<EvalRow>,
+}
+
+/// Part of a run's `config.toml`. The rest may be that of an older or a newer version.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Settings {
+    task: String,
+    doubled_actions: Option<DoubledActions>,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Environment steps that it is to take.
+    pub steps: u64,
+}
+
+impl Run {
+    /// Reads the run in `directory`.
+    fn read(directory: &Path) -> Result<Run, ComparisonError> {
+        let path = directory.join("config.toml");
+        let text = fs::read_to_string(&path).map_err(unreadable(path.clone()))?;
+        let settings = toml::from_str(&text).map_err(|error| ComparisonError::Settings {
+            path,
+            error: Box::new(error),
+        })?;
+        let curve = read_evaluations(&directory.join("eval.csv"));
+        Ok(Run {
+            directory: directory.to_owned(),
+            settings,
+            curve: curve.map_err(ComparisonError::Curve)?,
+        })
+    }
+
+    /// Its task in words; what changes the task is part of it.
+    pub fn task(&self) -> String {
+        let task = &self.settings.task;
+        match &self.settings.doubled_actions {
+            None => task.clone(),
+            Some(doubled) => format!("{task} with doubled actions, period {}", doubled.period),
+        }
+    }
+
+    /// Environment steps before its last evaluation.
+    pub fn last_step(&self) -> u64 {
+        self.curve.last().map_or(0, |row| row.step)
+    }
+}
+
+/// The runs that `side` names, a directory or a pattern of directories, and those below.
+///
+/// # Errors
+/// When there is none, or one can't be read.
+pub fn find(side: &str) -> Result<Vec<Run>, ComparisonError> {
+    let mut directories = Vec::new();
+    if Path::new(side).is_dir() {
+        descend(Path::new(side), &mut directories)?;
+    } else {
+        let pattern = |error| ComparisonError::Pattern {
+            pattern: side.to_owned(),
+            error,
+        };
+        let mut any = false;
+        for found in glob::glob(side).map_err(pattern)? {
+            let found = found.map_err(|error| unreadable(error.path().to_owned())(error.into()))?;
+            if found.is_dir() {
+                any = true;
+                descend(&found, &mut directories)?;
+            }
+        }
+        if !any {
+            return Err(ComparisonError::Missing(side.to_owned()));
+        }
+    }
+    if directories.is_empty() {
+        return Err(ComparisonError::NoRun(side.to_owned()));
+    }
+    // Patterns such as `runs/**` name a run several times.
+    directories.sort();
+    directories.dedup();
+    directories.iter().map(|run| Run::read(run)).collect()
+}
+
+/// Adds the run in `directory`, or all runs below.
+fn descend(directory: &Path, runs: &mut Vec<PathBuf>) -> Result<(), ComparisonError> {
+    if directory.join("eval.csv").is_file() {
+        runs.push(directory.to_owned());
+        return Ok(());
+    }
+    let at = || unreadable(directory.to_owned());
+    for entry in fs::read_dir(directory).map_err(at())? {
+        let entry = entry.map_err(at())?;
+        // Links are not followed: they may lead back up.
+        if entry.file_type().map_err(at())?.is_dir() {
+            descend(&entry.path(), runs)?;
+        }
+    }
+    Ok(())
+}
+
+fn unreadable(path: PathBuf) -> impl FnOnce(io::Error) -> ComparisonError {
+    |error| ComparisonError::Unreadable { path, error }
+}
+
+/// Two runs of one task and seed.
+#[derive(Debug, Clone)]
+pub struct Pair {
+    /// Their seed.
+    pub seed: u64,
+    /// The run of side A.
+    pub a: Run,
+    /// The run of side B.
+    pub b: Run,
+}
+
+/// Pairs by task, and who has no partner.
+#[derive(Debug, Clone)]
+pub struct Pairs {
+    /// Of each task at least one, seeds growing.
+    pub tasks: BTreeMap<String, Vec<Pair>>,
+    /// Runs without a partner, in words.
+    pub unpaired: Vec<String>,
+}
+
+/// Task and seed.
+type Key = (String, u64);
+
+/// Pairs the runs of two sides, which are called by `names` in messages.
+///
+/// # Errors
+/// When two runs of a side have the same task and seed, a run is on both sides, or nothing pairs.
+pub fn pair(sides: [Vec<Run>; 2], names: [&str; 2]) -> Result<Pairs, ComparisonError> {
+    let [a, b] = sides;
+    let (a, mut b) = (by_key(a, names[0])?, by_key(b, names[1])?);
+    let seeds = |runs: &BTreeMap<Key, Run>| {
+        let keys: Vec<String> = runs.keys().map(in_words).collect();
+        keys.join(", ")
+    };
+    let both = [seeds(&a), seeds(&b)];
+    let mut pairs = Pairs {
+        tasks: BTreeMap::new(),
+        unpaired: Vec::new(),
+    };
+    let lonely = |key: &Key, run: &Run| format!("{} ({})", run.directory.display(), in_words(key));
+    for (key, a) in a {
+        let Some(b) = b.remove(&key) else {
+            pairs.unpaired.push(lonely(&key, &a));
+            continue;
+        };
+        if is_same(&a.directory, &b.directory) {
+            return Err(ComparisonError::Same(a.directory));
+        }
+        let (task, seed) = key;
+        let of_task = pairs.tasks.entry(task).or_default();
+        of_task.push(Pair { seed, a, b });
+    }
+    pairs
+        .unpaired
+        .extend(b.iter().map(|(key, run)| lonely(key, run)));
+    if pairs.tasks.is_empty() {
+        return Err(ComparisonError::NothingPairs(both));
+    }
+    Ok(pairs)
+}
+
+fn by_key(runs: Vec<Run>, side: &str) -> Result<BTreeMap<Key, Run>, ComparisonError> {
+    let mut found: BTreeMap<Key, Run> = BTreeMap::new();
+    for run in runs {
+        let key = (run.task(), run.settings.seed);
+        if let Some(other) = found.get(&key) {
+            return Err(ComparisonError::Twice {
+                side: side.to_owned(),
+                key: in_words(&key),
+                runs: [other.directory.clone(), run.directory],
+            });
+        }
+        found.insert(key, run);
+    }
+    Ok(found)
+}
+
+fn in_words((task, seed): &Key) -> String {
+    format!("{task} seed {seed}")
+}
+
+fn is_same(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}

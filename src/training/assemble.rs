@@ -1,0 +1,303 @@
+//! From a configuration to everything a run is made of.
+
+use super::clock::Clock;
+use super::collector::{Collector, Episode, Side, Source};
+use super::metrics::Interval;
+use super::segments::Segments;
+use super::telemetry::{Probing, Reservoir};
+use super::trainer::Trainer;
+use super::{Evaluator, TrainError};
+use crate::agent::augment::{Augment, Expansion, Imagination, Plain};
+use crate::agent::{ActorCritic, Agent, AgentSettings, Policy, TargetRule};
+use crate::config::{Addition, Config, DoubledActions};
+use crate::core::random::stream;
+use crate::env::{self, Inspect, MakeError};
+use crate::model::{DynamicsModel, DynamicsShape, RewardSource, World};
+use crate::nn::{
+    Architecture, Coupling, Mlp, ObservationScaling, RunningMoments, WeightError, Weights,
+};
+use crate::recordings::{Demonstrations, Sizes};
+use crate::replay::{ReplayBuffer, Uniform};
+use crate::run::provenance::Provenance;
+use crate::run::schema::{CONFIG_TOML, RUN_JSON};
+use crate::run::{
+    Checkpoint, CheckpointError, Curves, ReplayLog, ReplayMemory, RunDirectory, RunDirectoryError,
+};
+use crate::task::{Rules, Spec};
+use std::sync::Arc;
+
+/// The task of `config`, wrapped as configured.
+///
+/// # Errors
+/// When there is no such task or MuJoCo can't run it.
+pub fn make_env(config: &Config) -> Result<Box<dyn Inspect>, MakeError> {
+    let task = env::make_inspect(&config.task)?;
+    Ok(match &config.doubled_actions {
+        None => task,
+        Some(DoubledActions { period }) => env::doubled(task, *period),
+    })
+}
+
+/// What the designer knows of the task of `config`, which is `spec`, wrapped as configured.
+///
+/// # Errors
+/// When there is no such task or MuJoCo can't load its model.
+pub fn make_rules(config: &Config, spec: &Spec) -> Result<Arc<dyn Rules>, MakeError> {
+    let rules = env::rules(&config.task, config.rules.velocity)?;
+    Ok(match &config.doubled_actions {
+        None => rules,
+        Some(DoubledActions { period }) => env::doubled_rules(rules, spec, *period),
+    })
+}
+
+/// The coupling of actions as `spec` limits them.
+pub(super) fn coupling(config: &Config, spec: &Spec) -> Coupling {
+    Coupling {
+        beta: config.action_coupling,
+        limit: spec.action_limit,
+    }
+}
+
+/// The part of `config` that actor and critics are built from, for actions as `spec` says.
+pub fn agent_settings(config: &Config, spec: &Spec) -> AgentSettings {
+    AgentSettings {
+        base: config.method.base(),
+        networks: config.networks.clone(),
+        coupling: coupling(config, spec),
+        discount: config.discount,
+        targets: TargetRule::Polyak { tau: config.tau },
+        policy_delay: config.policy_delay,
+        smoothing: config.target_smoothing.clone(),
+        temperature: config.temperature.clone(),
+    }
+}
+
+/// The policy saved in `checkpoint`, for the task `spec`.
+///
+/// # Errors
+/// When the arrays do not fit the task and the configuration.
+pub fn saved_policy(checkpoint: &Checkpoint, spec: &Spec) -> Result<Policy, CheckpointError> {
+    let settings = agent_settings(&checkpoint.config, spec);
+    let architecture: Architecture = settings.actor(spec.obs_size, spec.action_size);
+    let load = |weights: &Weights| -> Result<Policy, WeightError> {
+        let actor = Mlp::load("actor", &architecture, weights)?;
+        let scaling = ObservationScaling::load(spec.obs_size, weights)?;
+        Ok(Policy::new(
+            actor,
+            settings.base,
+            scaling,
+            settings.coupling,
+        ))
+    };
+    load(checkpoint.weights()).map_err(|error| checkpoint.misfit(error))
+}
+
+impl Trainer {
+    /// Builds a run of `config` and writes `config.toml` and `run.json` to the `directory`, which is made when all
+    /// else is there. Where there are `demonstrations` (see [`demonstrations`]), experience comes in segments.
+    ///
+    /// # Errors
+    /// When the task is unknown, there is not enough memory or a file can't be written.
+    pub fn new(
+        config: Config,
+        demonstrations: Option<Demonstrations>,
+        directory: impl FnOnce() -> Result<RunDirectory, RunDirectoryError>,
+    ) -> Result<Trainer, TrainError> {
+        Trainer::begin(config, demonstrations, directory, |provenance| {
+            provenance.to_json()
+        })
+    }
+
+    /// As [`new`](Trainer::new); `run_json` says what `run.json` is to hold.
+    pub(super) fn begin(
+        config: Config,
+        demonstrations: Option<Demonstrations>,
+        directory: impl FnOnce() -> Result<RunDirectory, RunDirectoryError>,
+        run_json: impl FnOnce(Provenance) -> String,
+    ) -> Result<Trainer, TrainError> {
+        let env = make_env(&config)?;
+        let spec = env.spec();
+        let agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
+        let replay = empty_replay(&config, spec)?;
+        let directory = directory()?;
+        directory.write(CONFIG_TOML, &config.to_toml())?;
+        directory.write(RUN_JSON, &run_json(Provenance::here()))?;
+        let curves = Curves::create(directory.files(), directory.path())?;
+        Trainer::assemble(config, env, demonstrations, directory, curves, agent, replay)
+    }
+
+    /// A run before its first step, of these parts.
+    pub(super) fn assemble(
+        config: Config,
+        env: Box<dyn Inspect>,
+        demonstrations: Option<Demonstrations>,
+        directory: RunDirectory,
+        curves: Curves,
+        agent: Agent,
+        replay: ReplayBuffer,
+    ) -> Result<Trainer, TrainError> {
+        let obs_size = env.spec().obs_size;
+        let found = demonstrations.as_ref();
+        let found = found.map(|set| [set.trajectories(), set.states()]);
+        Ok(Trainer {
+            step: 0,
+            largest_reward: f64::NEG_INFINITY,
+            collector: collector(&config, env, demonstrations)?,
+            demonstrations: found,
+            agent,
+            sampler: Box::new(Uniform),
+            evaluator: Evaluator::new(&config, stream(config.seed, "eval-env"))?,
+            probing: probing(&config)?,
+            replay,
+            log: ReplayLog::new(&directory.replay()),
+            needed: 0,
+            moments: RunningMoments::new(obs_size),
+            scaling: ObservationScaling::identity(obs_size),
+            interval: Interval::default(),
+            clock: Clock::new(0),
+            best_return: None,
+            last_return: None,
+            config,
+            directory,
+            curves,
+        })
+    }
+}
+
+/// An empty replay buffer with the memory that a full one takes.
+pub(super) fn empty_replay(config: &Config, spec: &Spec) -> Result<ReplayBuffer, TrainError> {
+    let memory = ReplayMemory::of(config, spec);
+    let mut replay = ReplayBuffer::new(memory.transitions, spec.obs_size, spec.action_size);
+    match replay.reserve() {
+        Ok(()) => Ok(replay),
+        Err(error) => Err(TrainError::Replay { memory, error }),
+    }
+}
+
+/// What imagined steps are measured with: none for methods that imagine no other actions.
+fn probing(config: &Config) -> Result<Option<Probing>, MakeError> {
+    let states = config.telemetry.states;
+    if config.method.addition() != Addition::Imagination || states == 0 {
+        return Ok(None);
+    }
+    let rng = stream(config.seed, "telemetry");
+    Ok(Some(Probing {
+        reservoir: Reservoir::new(states, rng),
+        env: make_env(config)?,
+    }))
+}
+
+/// The agent that `config` describes, for a task with sizes `spec`, before its first update.
+pub fn fresh_agent(config: &Config, spec: &Spec, rules: Arc<dyn Rules>) -> Agent {
+    let device = config.compute.backend.device();
+    let model = |shape: DynamicsShape<'_>| {
+        let rng = &mut stream(config.seed, "init-model");
+        Ok(DynamicsModel::new(&config.model, shape, rng, &device))
+    };
+    let core = ActorCritic::new(
+        agent_settings(config, spec),
+        spec.obs_size,
+        spec.action_size,
+        &mut stream(config.seed, "init"),
+        &device,
+    );
+    let augment = augment(config, spec, rules, model).expect("a fresh model fits");
+    Agent::new(core, augment, config.seed)
+}
+
+/// The same with saved networks, without what its optimisers remember.
+pub(super) fn saved_agent(
+    config: &Config,
+    spec: &Spec,
+    rules: Arc<dyn Rules>,
+    weights: &Weights,
+) -> Result<Agent, WeightError> {
+    let device = config.compute.backend.device();
+    let model =
+        |shape: DynamicsShape<'_>| DynamicsModel::load(&config.model, shape, weights, &device);
+    let core = ActorCritic::load(
+        agent_settings(config, spec),
+        spec.obs_size,
+        spec.action_size,
+        weights,
+        &device,
+    )?;
+    let augment = augment(config, spec, rules, model)?;
+    Ok(Agent::new(core, augment, config.seed))
+}
+
+/// What the method of `config` adds to its base; `model` gives the dynamics model.
+fn augment(
+    config: &Config,
+    spec: &Spec,
+    rules: Arc<dyn Rules>,
+    model: impl FnOnce(DynamicsShape<'_>) -> Result<DynamicsModel, WeightError>,
+) -> Result<Box<dyn Augment>, WeightError> {
+    let world = || {
+        let shape = DynamicsShape {
+            obs_size: spec.obs_size,
+            action_size: spec.action_size,
+            known: rules.known(),
+            learns_reward: config.rules.reward == RewardSource::Learned,
+        };
+        Ok(World::new(model(shape)?, Arc::clone(&rules)))
+    };
+    let (limit, seed) = (spec.action_limit, config.seed);
+    Ok(match config.method.addition() {
+        Addition::None => Box::new(Plain),
+        Addition::Imagination => {
+            let settings = &config.imagination;
+            Box::new(Imagination::new(settings, limit, world()?, seed))
+        }
+        Addition::Expansion => Box::new(Expansion::new(&config.expansion, world()?, seed)),
+    })
+}
+
+/// The demonstrations that `config` asks for, none where their path is empty.
+///
+/// # Errors
+/// When there are none at the path, or one is damaged or does not fit the task.
+pub fn demonstrations(config: &Config) -> Result<Option<Demonstrations>, TrainError> {
+    let path = &config.demonstrations.path;
+    if path.is_empty() {
+        return Ok(None);
+    }
+    let env = make_env(config)?;
+    let sizes = Sizes::of(env.spec());
+    Ok(Some(Demonstrations::load(path, &sizes)?))
+}
+
+/// The sources of experience, the first of which steps in `first`. Segments beside a main episode have an environment
+/// of their own.
+fn collector(
+    config: &Config,
+    first: Box<dyn Inspect>,
+    demonstrations: Option<Demonstrations>,
+) -> Result<Collector, MakeError> {
+    let demonstrations = demonstrations.map(Arc::new);
+    let mut made = Some(first);
+    let sources = (0..config.environments).map(|number| {
+        // The first one's streams have the names that they have in a run of one environment.
+        let seeded = |name: &str| match number {
+            0 => stream(config.seed, name),
+            n => stream(config.seed, &format!("{name}-{n}")),
+        };
+        let env = match made.take() {
+            Some(env) => env,
+            None => make_env(config)?,
+        };
+        let side = demonstrations.as_ref().map(|set| {
+            let settings = &config.demonstrations;
+            Ok::<_, MakeError>(Side::new(
+                Episode::new(make_env(config)?, seeded("segment-env")),
+                Arc::clone(set),
+                Segments::new(settings),
+                settings.segment_steps,
+                seeded("segments"),
+            ))
+        });
+        let main = Episode::new(env, seeded("env"));
+        Ok(Source::new(main, side.transpose()?, seeded("exploration")))
+    });
+    Ok(Collector::new(sources.collect::<Result<_, MakeError>>()?))
+}
