@@ -5,7 +5,7 @@ use mamf::env;
 
 /// The cells of every row of every table, without quotation marks for code.
 fn rows() -> Vec<Vec<String>> {
-    include_str!("../README.md")
+    include_str!("../../README.md")
         .lines()
         .filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |"))
         .map(|line| line.split(" | ").map(|cell| cell.replace('`', "")))
