@@ -5,7 +5,6 @@ pub mod cli;
 pub mod config;
 pub mod core;
 pub mod env;
-pub mod imagination;
 pub mod lab;
 pub mod model;
 pub mod nn;

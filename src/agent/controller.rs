@@ -136,6 +136,15 @@ pub struct RandomActions {
     pub coupling: Coupling,
 }
 
+impl RandomActions {
+    /// Actions within plus and minus `limit`, not coupled.
+    pub fn within(limit: f64) -> RandomActions {
+        RandomActions {
+            coupling: Coupling { beta: 1.0, limit },
+        }
+    }
+}
+
 impl Controller for RandomActions {
     fn act(&mut self, moment: &Moment<'_>, rng: &mut Stream) -> Vec<f32> {
         let limit = self.coupling.limit as f32;

@@ -16,7 +16,7 @@ use crate::core::random::stream;
 use crate::recordings::find;
 use crate::recordings::format::Recording;
 use crate::run::Checkpoint;
-use crate::training::{EpisodeResult, Evaluator, Watch};
+use crate::training::{EpisodeResult, Evaluator, Watch, saved_policy};
 
 /// Episodes that run between two looks at what became of them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -98,7 +98,7 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     }
     // The stream of `mamf eval`, so that both run the same episodes.
     let mut evaluator = Evaluator::new(config, stream(args.which.seed, "eval"))?;
-    let policy = checkpoint.policy(evaluator.spec())?;
+    let policy = saved_policy(&checkpoint, evaluator.spec())?;
     let episodes = args.which.episodes as usize;
     make_room(&args.out, episodes)?;
 

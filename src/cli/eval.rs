@@ -5,7 +5,7 @@ use crate::env;
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
 use crate::run::Checkpoint;
-use crate::training::{Evaluation, Evaluator};
+use crate::training::{Evaluation, Evaluator, saved_policy};
 use anyhow::Context;
 use std::fs::File;
 use std::io::Write;
@@ -32,7 +32,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         checkpoint.require_task(task)?;
     }
     let mut evaluator = Evaluator::new(&checkpoint.config, stream(args.which.seed, "eval"))?;
-    let policy = checkpoint.policy(evaluator.spec())?;
+    let policy = saved_policy(&checkpoint, evaluator.spec())?;
     let csv = args.csv.as_deref().map(create).transpose()?;
 
     let threads = checkpoint.config.compute.threads;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
@@ -13,6 +13,7 @@ use super::progress::bar;
 use super::{Misuse, say, tell};
 use crate::recordings::demo;
 use crate::env::{self, Inspect};
+use crate::agent::{Controller, Moment, RandomActions, Zero};
 use crate::task::{Spec, Start};
 use crate::core::parallel::with_threads;
 use crate::core::random::{Stream, stream};
@@ -21,7 +22,7 @@ use crate::render::{
     self, Film, Format, LARGEST_SIDE, Painter, Playback, Shot, available, develop,
 };
 use crate::run::Checkpoint;
-use crate::training::{Camera, Evaluator};
+use crate::training::{Camera, Evaluator, saved_policy};
 
 /// Episodes that run between two looks at them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -85,6 +86,16 @@ enum Actions {
     Zero,
     /// Uniformly random actions
     Random,
+}
+
+impl Actions {
+    /// What takes them in the task `spec`.
+    fn controller(self, spec: &Spec) -> Box<dyn Controller> {
+        match self {
+            Actions::Zero => Box::new(Zero),
+            Actions::Random => Box::new(RandomActions::within(spec.action_limit)),
+        }
+    }
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -236,7 +247,7 @@ impl Source {
                 if count == 0 {
                     return Ok(None);
                 }
-                let policy = checkpoint.policy(evaluator.spec())?;
+                let policy = saved_policy(checkpoint, evaluator.spec())?;
                 let threads = checkpoint.config.compute.threads;
                 let camera = Camera { limit };
                 let seen = with_threads(threads, || {
@@ -256,7 +267,9 @@ impl Source {
                 }
                 *left -= 1;
                 let start = Stream::from_rng(starts);
-                Some(vec![play(env.as_mut(), *actions, start, noise, limit)])
+                let mut controller = actions.controller(env.spec());
+                let film = play(env.as_mut(), controller.as_mut(), start, noise, limit);
+                Some(vec![film])
             }
             Source::Recorded { env, recording } => recording
                 .take()
@@ -265,27 +278,32 @@ impl Source {
     }
 }
 
-/// One episode without a policy.
+/// One episode of what `controller` does, of at most `limit` steps.
 fn play(
     env: &mut dyn Inspect,
-    actions: Actions,
+    controller: &mut dyn Controller,
     mut start: Stream,
     noise: &mut Stream,
     limit: usize,
 ) -> Film {
+    let single = |numbers: &[f64]| numbers.iter().map(|x| *x as f32).collect::<Vec<f32>>();
     let spec = env.spec().clone();
     let mut observation = vec![0.0; spec.obs_size];
-    let mut action = vec![0.0; spec.action_size];
+    let mut previous = vec![0.0; spec.action_size];
     env.reset(&mut start, &mut observation);
     let mut film = Film::begin(env);
-    while film.shots().len() <= limit {
-        if actions == Actions::Random {
-            let range = -spec.action_limit..=spec.action_limit;
-            action.fill_with(|| noise.random_range(range.clone()));
-        }
-        let step = env.step(&action, &mut observation);
-        film.step(env, &step);
-        if step.terminated || step.truncated {
+    for step in 0..limit {
+        let moment = Moment {
+            obs: &single(&observation),
+            previous: &previous,
+            step,
+            env: &*env,
+        };
+        previous = controller.act(&moment, noise);
+        let action: Vec<f64> = previous.iter().map(|a| f64::from(*a)).collect();
+        let outcome = env.step(&action, &mut observation);
+        film.step(env, &outcome);
+        if outcome.terminated || outcome.truncated {
             break;
         }
     }

@@ -110,8 +110,9 @@ fn begin(
 ) -> anyhow::Result<Trainer> {
     let config = config::read(file, overrides)?;
     let path = out.map_or_else(|| RunDirectory::default_path(&config), Path::to_owned);
-    let demonstrations = training::demonstrations(&config)?;
-    let memory = ReplayMemory::of(&config, config.env()?.spec());
+    let env = training::make_env(&config)?;
+    let demonstrations = training::demonstrations(&config, env.spec())?;
+    let memory = ReplayMemory::of(&config, env.spec());
     memory.check().map_err(TrainError::from)?;
     training::check_video(&config)?;
     let directory = || {
@@ -119,7 +120,7 @@ fn begin(
         progress.memory(&memory);
         Ok(directory)
     };
-    Ok(Trainer::new(config, demonstrations, directory)?)
+    Ok(Trainer::new(config, env, demonstrations, directory)?)
 }
 
 fn resume(

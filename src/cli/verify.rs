@@ -34,7 +34,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if let Some(task) = &args.task {
         env::info(task)?;
     }
-    let code = match verification::verify(&args.directory, args.task.as_deref()) {
+    let code = match verify::verify(&args.directory, args.task.as_deref()) {
         Ok(report) => print(&report)?,
         Err(error @ (UnusableInput::Directory { .. } | UnusableInput::Empty { .. })) => {
             super::tell(&format!("error: {error}"));
@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// Prints the outcome; the exit code that goes with it.
 fn print(report: &Report) -> std::io::Result<u8> {
     let mut out = std::io::stdout().lock();
-    write!(out, "{}", verification::tables(&report.summaries))?;
+    write!(out, "{}", verify::tables(&report.summaries))?;
     writeln!(
         out,
         "\nsettling: state and observation after the steps at rest with which an episode begins. goal: achieved\n\
@@ -56,8 +56,8 @@ fn print(report: &Report) -> std::io::Result<u8> {
          which something came within 2.5 mm of a forearm, whose shape is approximate; they are kept apart. rule: reward computed\n\
          from observations, with the velocity before the step; mean-v: with the mean of the velocities around it.\n\
          known: coordinates that rules fill in. Tolerance {:.0e}; relative {:.0e} where the verdict says so.",
-        verification::TOLERANCE,
-        verification::RELATIVE_TOLERANCE,
+        verify::TOLERANCE,
+        verify::RELATIVE_TOLERANCE,
     )?;
     if report.skipped > 0 {
         writeln!(

@@ -39,6 +39,15 @@ impl Layout {
         }
     }
 
+    /// Of a task whose sizes are `doubled` already.
+    fn within(doubled: &Spec) -> Layout {
+        Layout {
+            phase: doubled.obs_size - doubled.goal_size - 1,
+            goal_size: doubled.goal_size,
+            action_size: doubled.action_size / 2,
+        }
+    }
+
     /// The half of `action` that acts where the phase is `bit`.
     fn active<T>(&self, action: &[T], second: bool) -> std::ops::Range<usize> {
         debug_assert_eq!(action.len(), 2 * self.action_size);
@@ -195,12 +204,12 @@ struct DoubledRules {
     known: Vec<usize>,
 }
 
-/// The rules `inner` of a task with sizes `spec`, its actions doubled.
+/// The rules of the task `doubled` (see [`doubled`](fn@doubled)), made of `inner`, those of the task in it.
 ///
 /// The phase bit of the next observation is known where it changes every step. With a longer period it
 /// depends on the number of steps, which no observation tells, and is left to the model.
-pub fn doubled_rules(inner: Arc<dyn Rules>, spec: &Spec, period: usize) -> Arc<dyn Rules> {
-    let layout = Layout::of(spec);
+pub fn doubled_rules(inner: Arc<dyn Rules>, doubled: &Spec, period: usize) -> Arc<dyn Rules> {
+    let layout = Layout::within(doubled);
     let moved = |&i: &usize| if i < layout.phase { i } else { i + 1 };
     let mut known: Vec<usize> = inner.known().iter().map(moved).collect();
     if period == 1 {
@@ -274,7 +283,7 @@ mod tests {
     fn made(id: &str, period: usize) -> (Box<dyn Inspect>, Box<dyn Inspect>, Arc<dyn Rules>) {
         let plain = env::make_inspect(id).unwrap();
         let rules = env::rules(id, VelocityReading::Mean).unwrap();
-        let rules = doubled_rules(rules, plain.spec(), period);
+        let rules = doubled_rules(rules, doubled.spec(), period);
         let wrapped = doubled(env::make_inspect(id).unwrap(), period);
         (plain, wrapped, rules)
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rand::RngExt;
 
-use crate::task::Spec;
+use crate::task::{self, Spec};
 use crate::core::files::{Checksum, Checksummer};
 use crate::core::random::Stream;
 use crate::recordings::{FindError, find};
@@ -246,7 +246,7 @@ impl Demonstration {
 
 /// Makes sure that the recording `path` of the task `found` is of the one that `sizes` are of.
 fn check_task(path: &Path, found: &str, sizes: &Sizes<'_>) -> Result<(), DemonstrationError> {
-    if dense(found) == dense(sizes.task) {
+    if task::dense(found) == task::dense(sizes.task) {
         return Ok(());
     }
     Err(DemonstrationError::Task {

@@ -71,7 +71,7 @@ impl ReplayBuffer {
 
     /// Has the next transition of a buffer that is empty be number `first`, as if those before it had been
     /// overwritten already; they are to be followed by as many as the buffer holds.
-    pub(super) fn skip_to(&mut self, first: u64) {
+    pub fn skip_to(&mut self, first: u64) {
         self.pushed = first;
         if first > 0 {
             self.rows.resize(self.numbers(self.capacity as u64), 0.0);
@@ -79,7 +79,7 @@ impl ReplayBuffer {
     }
 
     /// Stores transitions as they lie in the buffer: rows `s | p | a | s' | r | d`.
-    pub(super) fn push_rows(&mut self, numbers: &[f32]) {
+    pub fn push_rows(&mut self, numbers: &[f32]) {
         for row in numbers.chunks_exact(self.width()) {
             self.next_row().copy_from_slice(row);
             self.pushed += 1;
@@ -118,7 +118,7 @@ impl ReplayBuffer {
 
     /// The numbers of the transitions that are still there after `pushed`, counted from the first one ever
     /// stored.
-    pub(super) fn stored_of(&self, pushed: u64) -> Range<u64> {
+    pub fn stored_of(&self, pushed: u64) -> Range<u64> {
         pushed.saturating_sub(self.capacity as u64)..pushed
     }
 

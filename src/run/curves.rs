@@ -168,12 +168,19 @@ pub fn last_row(path: &Path) -> Option<Vec<String>> {
 /// One row of `timing.csv`, seconds of wall clock since the row before.
 #[derive(Debug, Serialize)]
 pub struct TimingRow {
+    /// Environment steps taken.
     pub step: u64,
+    /// Seconds in all.
     pub seconds: f64,
+    /// Environment steps a second.
     pub steps_per_second: f64,
+    /// Of the seconds, acting and simulating.
     pub environment_seconds: f64,
+    /// Of the seconds, learning.
     pub update_seconds: f64,
+    /// Of the seconds, evaluating.
     pub evaluation_seconds: f64,
+    /// Of the seconds, saving.
     pub checkpoint_seconds: f64,
 }
 

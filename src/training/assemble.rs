@@ -93,17 +93,18 @@ pub fn saved_policy(checkpoint: &Checkpoint, spec: &Spec) -> Result<Policy, Chec
 }
 
 impl Trainer {
-    /// Builds a run of `config` and writes `config.toml` and `run.json` to the `directory`, which is made when all
+    /// Builds a run of `config`, whose task is `env` ([`make_env`]), and writes `config.toml` and `run.json` to the `directory`, which is made when all
     /// else is there. Where there are `demonstrations` (see [`demonstrations`]), experience comes in segments.
     ///
     /// # Errors
     /// When the task is unknown, there is not enough memory or a file can't be written.
     pub fn new(
         config: Config,
+        env: Box<dyn Inspect>,
         demonstrations: Option<Demonstrations>,
         directory: impl FnOnce() -> Result<RunDirectory, RunDirectoryError>,
     ) -> Result<Trainer, TrainError> {
-        Trainer::begin(config, demonstrations, directory, |provenance| {
+        Trainer::begin(config, env, demonstrations, directory, |provenance| {
             provenance.to_json()
         })
     }
@@ -111,11 +112,11 @@ impl Trainer {
     /// As [`new`](Trainer::new); `run_json` says what `run.json` is to hold.
     pub(super) fn begin(
         config: Config,
+        env: Box<dyn Inspect>,
         demonstrations: Option<Demonstrations>,
         directory: impl FnOnce() -> Result<RunDirectory, RunDirectoryError>,
         run_json: impl FnOnce(Provenance) -> String,
     ) -> Result<Trainer, TrainError> {
-        let env = make_env(&config)?;
         let spec = env.spec();
         let agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
         let replay = empty_replay(&config, spec)?;
@@ -253,18 +254,19 @@ fn augment(
     })
 }
 
-/// The demonstrations that `config` asks for, none where their path is empty.
+/// The demonstrations that `config` asks for, for the task `spec`; none where their path is empty.
 ///
 /// # Errors
 /// When there are none at the path, or one is damaged or does not fit the task.
-pub fn demonstrations(config: &Config) -> Result<Option<Demonstrations>, TrainError> {
+pub fn demonstrations(
+    config: &Config,
+    spec: &Spec,
+) -> Result<Option<Demonstrations>, TrainError> {
     let path = &config.demonstrations.path;
     if path.is_empty() {
         return Ok(None);
     }
-    let env = make_env(config)?;
-    let sizes = Sizes::of(env.spec());
-    Ok(Some(Demonstrations::load(path, &sizes)?))
+    Ok(Some(Demonstrations::load(path, &Sizes::of(spec))?))
 }
 
 /// The sources of experience, the first of which steps in `first`. Segments beside a main episode have an environment

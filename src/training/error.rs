@@ -1,6 +1,6 @@
 //! Why a run ends badly.
 
-use super::{CheckpointError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
+use crate::run::{CheckpointError, DiskError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
 use crate::config::ConfigError;
 use crate::env::MakeError;
 use crate::core::files::FileError;

@@ -207,7 +207,7 @@ impl Trainer {
         let found = checkpoint::standing(&directory.checkpoints());
         let Some(newest) = found.first() else {
             monitor.memory(&memory);
-            return begin_again(config, directory, monitor);
+            return begin_again(config, env, directory, monitor);
         };
         if let Some(step) = finished(newest, &config) {
             tidy_up(&directory, &spec)?;
@@ -233,7 +233,7 @@ impl Trainer {
         if let Some(note) = point.manifest.build.other_processor(&Build::here()) {
             monitor.note(&note);
         }
-        let set = demonstrations(&config)?;
+        let set = demonstrations(&config, &spec)?;
         let (step, sealed) = (point.manifest.step, point.manifest.curves.clone());
         let mut trainer = point.assemble(config, env, set, directory)?;
 
@@ -275,6 +275,7 @@ impl Trainer {
 /// A run that was interrupted before it saved anything, from its first step on.
 fn begin_again(
     config: Config,
+    env: Box<dyn Inspect>,
     directory: RunDirectory,
     monitor: &mut dyn Monitor,
 ) -> Result<Resumed, TrainError> {
@@ -286,13 +287,13 @@ fn begin_again(
         return Err(TrainError::CheckpointsMissing { path, reached, due });
     }
     monitor.note("no checkpoint had been saved: the run begins again at step 0");
-    let set = demonstrations(&config)?;
+    let set = demonstrations(&config, env.spec())?;
     let json = fs::read_to_string(path.join(RUN_JSON)).unwrap_or_default();
     let emptied = || {
         directory.empty()?;
         Ok(directory)
     };
-    let trainer = Trainer::begin(config, set, emptied, |provenance| {
+    let trainer = Trainer::begin(config, env, set, emptied, |provenance| {
         provenance.after(&json, 0)
     })?;
     Ok(Resumed::Run(Box::new(trainer)))

@@ -201,14 +201,14 @@ impl Trainer {
         let end = if before < phase_1 { end.min(phase_1) } else { end };
         Round {
             before,
-            after: end.min(before + self.config.environments),
+            after: end.min(before + self.config.environments as u64),
         }
     }
 
     /// What acts in the next round, in each environment: random actions in phase 1, the policy with noise after it,
     /// whose deviation may be spread over the environments.
     fn controllers(&self) -> Vec<Box<dyn Controller>> {
-        let (n, spec) = (self.config.environments as usize, self.collector.spec());
+        let (n, spec) = (self.config.environments, self.collector.spec());
         if self.step < self.config.random_steps {
             let coupling = coupling(&self.config, spec);
             let random = RandomActions { coupling };
@@ -429,7 +429,7 @@ impl Trainer {
 fn deviation(config: &Config, i: usize) -> f64 {
     match config.exploration.spread[..] {
         [low, high] => {
-            let last = (config.environments as usize - 1).max(1);
+            let last = (config.environments - 1).max(1);
             low + (high - low) * i as f64 / last as f64
         }
         _ => config.exploration_noise,

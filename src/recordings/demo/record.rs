@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::env::{self, Inspect};
+use crate::env::Inspect;
 use crate::recordings::format::{Recorder, State, Step, WriteError};
 
 /// The recording of an episode in the making, kept in memory.
@@ -38,7 +38,7 @@ impl EpisodeRecorder {
         &mut self,
         env: &dyn Inspect,
         action: &[f64],
-        outcome: &task::Step,
+        outcome: &crate::task::Step,
         observation: &[f64],
     ) {
         if outcome.diverged {

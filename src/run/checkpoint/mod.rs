@@ -226,6 +226,7 @@ impl Checkpoint {
             expected: task.to_owned(),
         })
     }
+}
 
 /// The checkpoint at `path`, or the newest one of the run there.
 fn newest(path: &Path) -> PathBuf {

@@ -2,10 +2,8 @@
 //! say so and pass.
 
 // Not all of it is needed here.
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, skipped, stderr};
+use crate::common::{Place, skipped, stderr};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,9 +1,7 @@
 //! `mamf train` and `mamf eval`, end to end.
 
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, config, messages, small_run, stderr};
+use crate::common::{Place, config, messages, small_run, stderr};
 use safetensors::tensor::{Dtype, SafeTensors};
 use std::collections::BTreeMap;
 use std::fs;
@@ -843,7 +841,7 @@ fn doubled_actions_wrap_any_task() {
                  doubled_actions = { period = 50 }\n";
     place.write("table.toml", table);
     let mut arguments: Vec<String> = ["train", "--config", "table.toml"].map(Into::into).into();
-    for setting in common::SMALL {
+    for setting in crate::common::SMALL {
         arguments.extend(["--set".into(), setting.into()]);
     }
     place.succeed(&arguments);

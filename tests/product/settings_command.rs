@@ -1,16 +1,14 @@
 //! `mamf settings`, and the page that it writes.
 
-#[allow(dead_code)]
-mod common;
 
-use common::Place;
+use crate::common::Place;
 use mamf::config::{KEYS, Method};
 
 #[test]
 fn the_page_of_the_documentation_is_the_one_that_is_written() {
     let printed = Place::new().succeed(&["settings", "--markdown"]);
     assert!(
-        printed == include_str!("../docs/configuration.md"),
+        printed == include_str!("../../docs/configuration.md"),
         "write it anew: mamf settings --markdown > docs/configuration.md"
     );
 }

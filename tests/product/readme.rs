@@ -42,13 +42,13 @@ fn every_link_leads_to_a_file() {
 
 #[test]
 fn the_readme_is_short() {
-    let length = include_str!("../README.md").len();
+    let length = include_str!("../../README.md").len();
     assert!(length <= 10_000, "{length} bytes; details belong to docs/");
 }
 
 #[test]
 fn every_method_is_listed() {
-    let rows = rows(include_str!("../docs/methods.md"));
+    let rows = rows(include_str!("../../docs/methods.md"));
     for method in Method::ALL {
         let found = rows.iter().any(|row| row[0] == method.name());
         assert!(found, "{} is not in the documentation", method.name());
@@ -57,7 +57,7 @@ fn every_method_is_listed() {
 
 #[test]
 fn every_task_is_listed_with_its_sizes() {
-    let rows = rows(include_str!("../docs/tasks.md"));
+    let rows = rows(include_str!("../../docs/tasks.md"));
     for id in env::ids() {
         let (task, _) = env::make(id).unwrap();
         let spec = task.spec();

@@ -1,9 +1,7 @@
 //! `mamf sweep --slurm`: the script, its submission, and a real job array where Slurm takes one.
 
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, SMALL, config, messages, skipped, stderr};
+use crate::common::{Place, SMALL, config, messages, skipped, stderr};
 use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Command, Output, Stdio};

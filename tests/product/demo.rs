@@ -1,10 +1,8 @@
 //! `mamf demo`: recorded demonstrations are described, replayed and trained on; bad ones are refused.
 
 // Not all of it is needed here.
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, SMALL, stderr};
+use crate::common::{Place, SMALL, stderr};
 use mamf::recordings::demo::{Figures, Replayed, replay};
 use mamf::env;
 use mamf::recordings::find;

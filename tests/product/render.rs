@@ -1,10 +1,8 @@
 //! `mamf render` and videos of runs. Where nothing can draw, these tests say so and pass.
 
 // Not all of it is needed here.
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, skipped, small_run, stderr};
+use crate::common::{Place, skipped, small_run, stderr};
 use mamf::env;
 use mamf::task::Start;
 use mamf::core::random::stream;

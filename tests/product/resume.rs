@@ -1,9 +1,7 @@
 //! Runs that are interrupted, killed, damaged or changed, and go on: `mamf train --resume`.
 
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, messages, small_run, stderr};
+use crate::common::{Place, messages, small_run, stderr};
 use std::collections::BTreeSet;
 use std::fs;
 use std::process::{Child, Command, Stdio};

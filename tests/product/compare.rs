@@ -1,9 +1,7 @@
 //! `mamf compare`, end to end, on curves whose figures are known.
 
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, messages};
+use crate::common::{Place, messages};
 use serde_json::Value;
 
 const HEADER: &str =

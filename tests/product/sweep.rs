@@ -1,9 +1,7 @@
 //! `mamf sweep`, end to end.
 
-#[allow(dead_code)]
-mod common;
 
-use common::{Place, SMALL, config, messages, stderr};
+use crate::common::{Place, SMALL, config, messages, stderr};
 use std::fs;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};

@@ -1,0 +1,19 @@
+//! The program as people use it: commands, files, curves, documentation.
+
+mod cli;
+mod common;
+mod compare;
+mod demo;
+mod demonstrations_format;
+mod envs_command;
+mod paper;
+mod plots;
+mod properties;
+mod readme;
+mod render;
+mod resume;
+mod settings_command;
+mod slurm;
+mod sweep;
+mod verify;
+mod walls;
