@@ -109,7 +109,7 @@ keys! {
     /// Standard deviation of the exploration noise, as a fraction of the action limit.
     "exploration_noise" => number(0.0, 10.0).or("0.1").of(Concern::ExplorationNoise)
         .only_while("exploration.spread", "[]");
-    /// Updates of the critics between two updates of the actor and the target networks.
+    /// Learning steps between two updates of the actor and the target networks.
     "policy_delay" => whole(1, LARGEST).or("2");
     /// Updates of the critics (and of the dynamics model) in one learning step.
     "critic_updates" => whole(1, 1_000).or("1");

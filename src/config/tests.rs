@@ -283,7 +283,8 @@ fn words_are_all_that_a_field_takes() {
         let (section, last) = key.name.split_once('.').unwrap();
         table[section][last] = "?".into();
         let error = table.try_into::<Config>().unwrap_err().to_string();
-        let (_, expected) = error.split_once("expected").unwrap();
+        let message = error.lines().next().unwrap();
+        let (_, expected) = message.split_once("expected").unwrap();
         let named: BTreeSet<&str> = expected.split('`').skip(1).step_by(2).collect();
         assert_eq!(named, words.iter().copied().collect(), "{}", key.name);
     }

@@ -1,6 +1,5 @@
 //! `mamf train` and `mamf eval`, end to end.
 
-
 use crate::common::{Place, config, messages, small_run, stderr};
 use safetensors::tensor::{Dtype, SafeTensors};
 use std::collections::BTreeMap;
@@ -562,7 +561,7 @@ fn configurations_that_are_wrong_are_refused_by_file_and_key() {
             "task = \"Humanoid\"\n".to_owned(),
             &["\"Humanoid\"", "\"Humanoid-v4\""],
         ),
-        ("task = 3\n".to_owned(), &["`task`", "a string"]),
+        ("task = 3\n".to_owned(), &["`task`", "the id of a task"]),
     ] {
         place.write("wrong.toml", text);
         let parts = [&["wrong.toml"], parts].concat();

@@ -1,37 +1,73 @@
-//! The tables of the README say what the program does.
+//! The documentation says what the program does, and its links lead somewhere.
 
 use mamf::config::Method;
 use mamf::env;
+use std::path::{Path, PathBuf};
 
-/// The cells of every row of every table, without quotation marks for code.
-fn rows() -> Vec<Vec<String>> {
-    include_str!("../../README.md")
-        .lines()
+/// The cells of every row of every table of a page, without quotation marks for code.
+fn rows(page: &str) -> Vec<Vec<String>> {
+    page.lines()
         .filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |"))
         .map(|line| line.split(" | ").map(|cell| cell.replace('`', "")))
         .map(Iterator::collect)
         .collect()
 }
 
+/// The pages that a newcomer reads.
+fn pages() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let docs = std::fs::read_dir(root.join("docs")).unwrap();
+    let docs = docs.map(|entry| entry.unwrap().path());
+    let others = ["README.md", "assets/README.md", "results/README.md"];
+    docs.chain(others.map(|page| root.join(page))).collect()
+}
+
+#[test]
+fn every_link_leads_to_a_file() {
+    let mut seen = 0;
+    for page in pages() {
+        let text = std::fs::read_to_string(&page).unwrap();
+        for (_, link) in text
+            .match_indices("](")
+            .map(|(at, _)| text.split_at(at + 2))
+        {
+            let link = link.split(')').next().unwrap();
+            if link.contains("://") {
+                continue;
+            }
+            let file = page.parent().unwrap().join(link);
+            assert!(file.exists(), "{}: {link}", page.display());
+            seen += 1;
+        }
+    }
+    assert!(seen > 20, "{seen} links");
+}
+
+#[test]
+fn the_readme_is_short() {
+    let length = include_str!("../../README.md").len();
+    assert!(length <= 10_000, "{length} bytes; details belong to docs/");
+}
+
 #[test]
 fn every_method_is_listed() {
-    let rows = rows();
+    let rows = rows(include_str!("../../docs/methods.md"));
     for method in Method::ALL {
         let found = rows.iter().any(|row| row[0] == method.name());
-        assert!(found, "{} is not in the README", method.name());
+        assert!(found, "{} is not in the documentation", method.name());
     }
 }
 
 #[test]
 fn every_task_is_listed_with_its_sizes() {
-    let rows = rows();
+    let rows = rows(include_str!("../../docs/tasks.md"));
     for id in env::ids() {
         let (task, _) = env::make(id).unwrap();
         let spec = task.spec();
         // A sparse variant stands in the row of the task it varies.
         let listed = id.replace("Sparse", "");
         let row = rows.iter().find(|row| row[0] == listed);
-        let row = row.unwrap_or_else(|| panic!("{id} is not in the README"));
+        let row = row.unwrap_or_else(|| panic!("{id} is not in the documentation"));
         let sizes = [spec.obs_size, spec.action_size];
         assert_eq!(row[1..3], sizes.map(|n| n.to_string()), "{id}");
         assert_eq!(row[3], format!("±{}", spec.action_limit), "{id}");

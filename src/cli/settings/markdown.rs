@@ -96,10 +96,10 @@ fn row(page: &mut String, key: &Key) {
     let mut meaning = vec![key.doc().to_owned()];
     if key.concern.otherwise().is_some() {
         let methods = concerned(key).replace(", ", "`, `");
-        meaning.push(format!("Of `{methods}`."));
+        meaning.push(format!("Only for `{methods}`."));
     }
     if let Some((switch, value)) = key.only_while {
-        meaning.push(format!("Only while `{switch} = {value}`."));
+        meaning.push(format!("Means something only while `{switch} = {value}`."));
     }
     match key.resume {
         Resume::Fixed => (),
