@@ -8,7 +8,7 @@ use mamf::config::{Config, Method};
 use mamf::core::files::Files;
 use mamf::replay::{ReplayBuffer, Transition};
 use mamf::run::ReplayLog;
-use mamf::training::fresh_agent;
+use mamf::training::{fresh_agent, make_env, make_rules};
 use std::collections::HashMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -84,10 +84,8 @@ fn replay(c: &mut Criterion) {
 fn agent(c: &mut Criterion) {
     let mut config = Config::preset(Method::Mamf);
     config.task = "PenSpin-v0".into();
-    let (env, rules) = (
-        config.env().expect("a task"),
-        config.task_rules().expect("rules"),
-    );
+    let env = make_env(&config).expect("a task");
+    let rules = make_rules(&config, env.spec()).expect("rules");
     let agent = fresh_agent(&config, env.spec(), rules);
     let place = tempfile::tempdir_in(".").expect("a directory");
     let files = Files::default();

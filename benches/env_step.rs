@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use mamf::core::random::stream;
 use mamf::env::{self, Inspect};
 use mamf::task::EnvState;
-use mamf::core::random::stream;
 use mujoco_rs::Data;
 use mujoco_sys as sys;
 use rand::RngExt;

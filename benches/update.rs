@@ -3,13 +3,14 @@
 
 use burn::optim::{AdamConfig, GradientsParams};
 use criterion::{Criterion, criterion_group, criterion_main};
-use mamf::agent::{ImaginationDraws, ModelDraws, Sample};
 use mamf::config::{Config, Method};
-use mamf::env;
-use mamf::nn::{Backend, Learner, Mlp, RunningMoments, TrainableMlp, matrix};
-use mamf::core::parallel::{join, with_threads};
+use mamf::core::parallel::with_threads;
 use mamf::core::random::stream;
-use mamf::replay::{ReplayBuffer, Transition};
+use mamf::env;
+use mamf::nn::{
+    Architecture, Backend, Mlp, RunningMoments, TrainableMlp, TrainableNetwork, matrix,
+};
+use mamf::replay::{ReplayBuffer, Transition, Uniform};
 use mamf::training::fresh_agent;
 use rand::RngExt;
 use std::hint::black_box;
@@ -28,7 +29,7 @@ fn updates(method: Method) -> impl FnMut() + Send {
     let mut rng = stream(0, "bench");
 
     let mut agent = fresh_agent(&config, &spec, rules);
-    agent.set_optimism(50.0);
+    agent.core.set_optimism(50.0);
 
     let mut replay = ReplayBuffer::new(STORED, obs_size, action_size);
     let mut moments = RunningMoments::new(obs_size);
@@ -56,28 +57,8 @@ fn updates(method: Method) -> impl FnMut() + Send {
         });
     }
     let scaling = moments.scaling(5.0, 1e-2);
-    // A stream for each of the two kinds of draws, as in training.
-    let [mut batch_rng, mut imagination_rng, mut policy_rng] =
-        [1, 2, 3].map(|seed| stream(seed, "bench"));
     move || {
-        let (sample, model) = join(
-            || {
-                let batch = replay.sample(rows, &mut batch_rng);
-                Sample::draw(batch, action_size, &mut batch_rng)
-                    .with_policy_noise(action_size, &mut policy_rng)
-            },
-            || {
-                method.learns_model().then(|| ModelDraws {
-                    batch: replay.sample(rows, &mut imagination_rng),
-                    imagination: Some(ImaginationDraws::draw(
-                        rows,
-                        action_size,
-                        &mut imagination_rng,
-                    )),
-                })
-            },
-        );
-        let sample = Sample { model, ..sample };
+        let sample = agent.draw(&replay, &Uniform, rows);
         black_box(agent.update(&sample, &scaling));
     }
 }
@@ -123,10 +104,10 @@ fn adam(criterion: &mut Criterion) {
         let input = matrix(vec![0.1; 16 * WIDTHS[0]], WIDTHS[0], &device);
         mlp.forward(input).sum()
     };
-    let mlp = Mlp::new(&WIDTHS, &mut stream(0, "bench"));
+    let mlp = Mlp::new(&Architecture::relu(&WIDTHS), &mut stream(0, "bench"));
     let mut group = criterion.benchmark_group("adam");
 
-    let mut learner = Learner::new(mlp.clone(), 3e-4, &device);
+    let mut learner = TrainableNetwork::new(mlp.clone(), 3e-4, &device);
     group.bench_function("ours", |bencher| {
         bencher.iter_custom(|iterations| {
             let mut taken = Duration::ZERO;

@@ -121,7 +121,8 @@ mod tests {
 
     #[test]
     fn targets_follow_with_the_actor_or_are_copied_every_so_often() {
-        let due = |rule: TargetRule| -> Vec<Option<f64>> { (1..=6).map(|n| rule.due(n, 2)).collect() };
+        let due =
+            |rule: TargetRule| -> Vec<Option<f64>> { (1..=6).map(|n| rule.due(n, 2)).collect() };
         let (tau, all) = (Some(0.005), Some(1.0));
         let polyak = due(TargetRule::Polyak { tau: 0.005 });
         assert_eq!(polyak, [None, tau, None, tau, None, tau]);

@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::{Episodes, FAILED, Misuse, say, tell};
+use crate::core::parallel::with_threads;
+use crate::core::random::stream;
+use crate::env::Inspect;
 use crate::recordings::demo::{
     self, Description, EpisodeRecorder, Replayed, STORED_DIFFERENCE, UnusableRecording,
 };
-use crate::env::Inspect;
-use crate::task::Step;
-use crate::core::parallel::with_threads;
-use crate::core::random::stream;
 use crate::recordings::find;
 use crate::recordings::format::Recording;
 use crate::run::Checkpoint;
+use crate::task::Step;
 use crate::training::{EpisodeResult, Evaluator, Watch, saved_policy};
 
 /// Episodes that run between two looks at what became of them, one in each environment.
@@ -177,10 +177,7 @@ fn info(pattern: &str) -> anyhow::Result<ExitCode> {
 }
 
 fn print_info(found: &[Description]) -> std::io::Result<()> {
-    let (recordings, totals) = (
-        demo::descriptions(found),
-        demo::totals(found),
-    );
+    let (recordings, totals) = (demo::descriptions(found), demo::totals(found));
     println(&format!(
         "{recordings}\n{totals}\n\
          success: steps in which the goal was reached, and whether it was in the last one. states: recorded rows; in the\n\
@@ -190,9 +187,7 @@ fn print_info(found: &[Description]) -> std::io::Result<()> {
 }
 
 fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
-    let (found, code) = each(pattern, |path| {
-        demo::replay(&Recording::open(path)?)
-    })?;
+    let (found, code) = each(pattern, |path| demo::replay(&Recording::open(path)?))?;
     if !found.is_empty() {
         print_replay(&found)?;
     }

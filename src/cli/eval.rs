@@ -1,9 +1,9 @@
 //! `mamf eval`
 
 use super::{Episodes, Misuse};
-use crate::env;
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
+use crate::env;
 use crate::run::Checkpoint;
 use crate::training::{Evaluation, Evaluator, saved_policy};
 use anyhow::Context;

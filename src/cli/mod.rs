@@ -13,13 +13,13 @@ mod table;
 mod train;
 mod verify;
 
-use crate::lab::comparison::ComparisonError;
 use crate::config::{ConfigError, Range};
 use crate::env::{MakeError, UnknownTask};
-use crate::render::{OutputError, PaintError, RenderError};
-use crate::recordings::DemonstrationError;
+use crate::lab::comparison::ComparisonError;
 use crate::lab::sweep::SweepError;
 use crate::lab::sweep::slurm::SlurmError;
+use crate::recordings::DemonstrationError;
+use crate::render::{OutputError, PaintError, RenderError};
 use crate::run::{CheckpointError, LockError, RunDirectoryError};
 use crate::training::TrainError;
 use clap::builder::TypedValueParser;

@@ -11,17 +11,17 @@ use signal_hook::flag;
 
 use super::progress::bar;
 use super::{Misuse, say, tell};
-use crate::recordings::demo;
-use crate::env::{self, Inspect};
 use crate::agent::{Controller, Moment, RandomActions, Zero};
-use crate::task::{Spec, Start};
 use crate::core::parallel::with_threads;
 use crate::core::random::{Stream, stream};
+use crate::env::{self, Inspect};
+use crate::recordings::demo;
 use crate::recordings::format::{Recording, Rows};
 use crate::render::{
     self, Film, Format, LARGEST_SIDE, Painter, Playback, Shot, available, develop,
 };
 use crate::run::Checkpoint;
+use crate::task::{Spec, Start};
 use crate::training::{Camera, Evaluator, saved_policy};
 
 /// Episodes that run between two looks at them, one in each environment.

@@ -5,8 +5,8 @@ use super::keys::{self, Resume};
 use crate::agent::augment::{ExpansionSettings, ImaginationSettings};
 use crate::agent::{SmoothingSettings, TemperatureSettings};
 use crate::model::{ModelSettings, RewardSource};
-use crate::task::VelocityReading;
 use crate::nn::{Backend, NetworkSettings, ScalingSettings};
+use crate::task::VelocityReading;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

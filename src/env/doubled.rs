@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use mujoco_rs::Model;
 
-use super::{Recorded, Inspect};
-use crate::task::{Env, EnvState, Rules, Spec, Start, StateMismatch, Step};
+use super::{Inspect, Recorded};
 use crate::core::random::Stream;
+use crate::task::{Env, EnvState, Rules, Spec, Start, StateMismatch, Step};
 
 /// A task whose actions are pairs of the wrapped task's: one half acts, the other has no effect, and
 /// every `period` steps they change places; an episode begins with the first half.
@@ -276,15 +276,15 @@ impl Rules for DoubledRules {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::random::stream;
     use crate::env;
     use crate::task::VelocityReading;
-    use crate::core::random::stream;
 
     fn made(id: &str, period: usize) -> (Box<dyn Inspect>, Box<dyn Inspect>, Arc<dyn Rules>) {
         let plain = env::make_inspect(id).unwrap();
         let rules = env::rules(id, VelocityReading::Mean).unwrap();
-        let rules = doubled_rules(rules, doubled.spec(), period);
         let wrapped = doubled(env::make_inspect(id).unwrap(), period);
+        let rules = doubled_rules(rules, wrapped.spec(), period);
         (plain, wrapped, rules)
     }
 

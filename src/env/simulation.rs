@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use mujoco_rs::{Data, Model};
 
-use super::task::{Command, Info, Recorded, Task};
 use super::Inspect;
-use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
+use super::task::{Command, Info, Recorded, Task};
 use crate::core::random::Stream;
+use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
 
 /// A start that is refused this often is taken as it is; the model is broken then.
 const MOST_STARTS: usize = 100;

@@ -1,8 +1,11 @@
 //! The learned dynamics model.
 
 use super::{ModelSettings, Predict};
-use crate::nn::{Architecture, Gradient, TrainableNetwork, LearningState, Mlp, WeightError, Weights, matrix, side_by_side};
 use crate::core::random::Stream;
+use crate::nn::{
+    Architecture, Gradient, LearningState, Mlp, TrainableNetwork, WeightError, Weights, matrix,
+    side_by_side,
+};
 use burn::tensor::Device;
 
 /// `f(s, a)`: predicts, in scaled space, the coordinates of the next observation that the task's
@@ -231,8 +234,8 @@ impl DynamicsModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nn::Backend;
     use crate::core::random::stream;
+    use crate::nn::Backend;
     use rand::RngExt;
 
     const ROWS: usize = 64;

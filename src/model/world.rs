@@ -1,8 +1,8 @@
 //! The world as an agent imagines it: the learned dynamics and what the designer knows.
 
 use super::DynamicsModel;
-use crate::task::Rules;
 use crate::nn::ObservationScaling;
+use crate::task::Rules;
 use std::sync::Arc;
 
 /// A model of one step of the task, on batches.

@@ -1,8 +1,8 @@
 //! What stands between the layers of a perceptron, as data: each on slices, to predict, and on tensors, to be
 //! differentiated.
 
-use burn::tensor::activation::relu;
 use burn::tensor::Tensor;
+use burn::tensor::activation::relu;
 
 /// What a hidden layer's numbers pass through, one by one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,8 +99,8 @@ impl Normalisation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nn::{Architecture, Backend, Mlp, TrainableMlp, matrix, to_vec};
     use crate::core::random::stream;
+    use crate::nn::{Architecture, Backend, Mlp, TrainableMlp, matrix, to_vec};
 
     #[test]
     fn slices_and_tensors_agree_for_every_architecture() {

@@ -122,7 +122,12 @@ impl Adam {
     ///
     /// # Errors
     /// When something of it is missing or has another shape than `mlp`.
-    pub fn restore(&mut self, name: &str, mlp: &Mlp, state: &LearningState) -> Result<(), WeightError> {
+    pub fn restore(
+        &mut self,
+        name: &str,
+        mlp: &Mlp,
+        state: &LearningState,
+    ) -> Result<(), WeightError> {
         self.steps = steps(name, state)?;
         // Before the first step there are none.
         let arrays = if self.steps == 0 {

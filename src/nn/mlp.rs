@@ -281,7 +281,10 @@ mod tests {
     #[test]
     fn polyak_moves_by_tau() {
         let mut target = Mlp::new(&Architecture::relu(&[1, 2]), &mut stream(1, "a"));
-        let (before, online) = (target.clone(), Mlp::new(&Architecture::relu(&[1, 2]), &mut stream(1, "b")));
+        let (before, online) = (
+            target.clone(),
+            Mlp::new(&Architecture::relu(&[1, 2]), &mut stream(1, "b")),
+        );
         target.polyak(&online, 0.25);
         let moved =
             |i: usize| 0.75 * before.layers[0].weight[i] + 0.25 * online.layers[0].weight[i];

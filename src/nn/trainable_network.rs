@@ -58,7 +58,11 @@ impl TrainableNetwork {
     ///
     /// # Errors
     /// When something of it is missing or has another shape than the network.
-    pub fn restore_optimizer(&mut self, name: &str, state: &LearningState) -> Result<(), WeightError> {
+    pub fn restore_optimizer(
+        &mut self,
+        name: &str,
+        state: &LearningState,
+    ) -> Result<(), WeightError> {
         self.adam.restore(name, &self.mlp, state)
     }
 

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use rand::RngExt;
 
-use crate::task::{self, Spec};
 use crate::core::files::{Checksum, Checksummer};
 use crate::core::random::Stream;
-use crate::recordings::{FindError, find};
 use crate::recordings::format::{Recording, RecordingError, Rows};
+use crate::recordings::{FindError, find};
+use crate::task::{self, Spec};
 
 /// Why there are no demonstrations. Each message names the file, or the pattern that finds none.
 #[derive(Debug, thiserror::Error)]
@@ -278,14 +278,6 @@ mod tests {
         Demonstrations {
             trajectories: vec![demonstration(0.0, 2), demonstration(100.0, 8)],
         }
-    }
-
-    #[test]
-    fn the_sparse_variant_is_the_same_task() {
-        assert_eq!(dense("EggHandOverSparse-v0"), dense("EggHandOver-v0"));
-        assert_ne!(dense("EggHandOver-v1"), dense("EggHandOver-v0"));
-        assert_ne!(dense("PenSpin-v0"), dense("EggHandOver-v0"));
-        assert_eq!(dense("unversioned"), "unversioned");
     }
 
     #[test]

@@ -201,7 +201,11 @@ impl ReplayBuffer {
         let stored = self.len();
         let rows = rows.min(stored);
         let next = self.next();
-        self.gather((1..=rows).map(|back| (next + stored - back) % stored).collect())
+        self.gather(
+            (1..=rows)
+                .map(|back| (next + stored - back) % stored)
+                .collect(),
+        )
     }
 
     /// The transitions that lie at `indices`.

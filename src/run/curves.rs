@@ -147,9 +147,7 @@ fn reason_of(error: &csv::Error) -> String {
             format!("{len} fields instead of {expected_len}: the file is damaged")
         }
         csv::ErrorKind::Deserialize { err, .. } => {
-            let column = err
-                .field()
-                .and_then(|field| EVAL.get(field as usize));
+            let column = err.field().and_then(|field| EVAL.get(field as usize));
             let column = column.map_or("a field", |column| column.name);
             format!("{column}: {}", err.kind())
         }

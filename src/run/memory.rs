@@ -1,8 +1,8 @@
 //! Memory of the replay buffer, counted before it is taken.
 
 use crate::config::Config;
-use crate::task::Spec;
 use crate::replay::ReplayBuffer;
+use crate::task::Spec;
 use std::fmt;
 use std::path::Path;
 

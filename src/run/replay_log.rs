@@ -5,8 +5,8 @@
 //! to (how many rows of which chunks, with their checksums) stays as it was while the next one is
 //! written; what lies beyond is cut off when a run goes on from that checkpoint.
 
-use crate::replay::ReplayBuffer;
 use crate::core::files::{Checksum, Checksummer, FileError, Files, parent};
+use crate::replay::ReplayBuffer;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
@@ -330,7 +330,13 @@ mod tests {
             assert_eq!(read.pushed(), written.pushed());
             assert_eq!(read.newest(CAPACITY), written.newest(CAPACITY));
             // Sampling indices lead to the same rows.
-            let sample = |b: &ReplayBuffer| b.sample(20, &crate::replay::Uniform, &mut crate::core::random::stream(1, "replay"));
+            let sample = |b: &ReplayBuffer| {
+                b.sample(
+                    20,
+                    &crate::replay::Uniform,
+                    &mut crate::core::random::stream(1, "replay"),
+                )
+            };
             assert!(written.is_empty() || sample(&read) == sample(&written));
         }
         // More than the ring holds was pushed in between: a gap.

@@ -46,11 +46,23 @@ const fn column(name: &'static str, of: Of, doc: &'static str) -> Column {
 pub const EVAL: [Column; 8] = [
     column("step", Of::Step, "environment steps taken"),
     column("episodes", Of::Last, "episodes of this evaluation"),
-    column("return_mean", Of::Last, "mean of their undiscounted returns"),
-    column("return_std", Of::Last, "standard deviation of the returns, divided by their number"),
+    column(
+        "return_mean",
+        Of::Last,
+        "mean of their undiscounted returns",
+    ),
+    column(
+        "return_std",
+        Of::Last,
+        "standard deviation of the returns, divided by their number",
+    ),
     column("return_min", Of::Last, "lowest return"),
     column("return_max", Of::Last, "highest return"),
-    column("length_mean", Of::Last, "mean length of the episodes, in steps"),
+    column(
+        "length_mean",
+        Of::Last,
+        "mean length of the episodes, in steps",
+    ),
     column(
         "success_rate",
         Of::Last,
@@ -67,8 +79,16 @@ pub const TRAIN: [Column; 25] = [
         "training episodes that ended; segments that begin in a demonstration or from a reset are none",
     ),
     column("return_mean", Of::Mean, "return of those episodes"),
-    column("length_mean", Of::Mean, "length of those episodes, in steps"),
-    column("diverged", Of::Count, "steps at which the simulation blew up"),
+    column(
+        "length_mean",
+        Of::Mean,
+        "length of those episodes, in steps",
+    ),
+    column(
+        "diverged",
+        Of::Count,
+        "steps at which the simulation blew up",
+    ),
     column("updates", Of::Count, "updates of the critics"),
     column("critic_loss", Of::Mean, "sum of the critics' losses"),
     column(
@@ -77,13 +97,21 @@ pub const TRAIN: [Column; 25] = [
         "`-mean Q1` in the updates that step the actor; SAC: with the entropy's share",
     ),
     column("q_mean", Of::Mean, "mean `Q1` of the real transitions"),
-    column("model_loss", Of::Mean, "loss of the dynamics model: mean square error in scaled space"),
+    column(
+        "model_loss",
+        Of::Mean,
+        "loss of the dynamics model: mean square error in scaled space",
+    ),
     column(
         "model_error",
         Of::Last,
         "at `step`: root mean square one-step error of the model on the newest `batch_size` transitions, in scaled space",
     ),
-    column("eta", Of::Last, "bound of the imagined actions' noise in the last update"),
+    column(
+        "eta",
+        Of::Last,
+        "bound of the imagined actions' noise in the last update",
+    ),
     column(
         "target_kept",
         Of::Mean,
@@ -94,7 +122,11 @@ pub const TRAIN: [Column; 25] = [
         Of::Mean,
         "fraction of the imaginary transitions that pass the uncertainty filter",
     ),
-    column("kept", Of::Mean, "fraction that passes both and trains the critics"),
+    column(
+        "kept",
+        Of::Mean,
+        "fraction that passes both and trains the critics",
+    ),
     column("temperature", Of::Mean, "temperature of SAC"),
     column(
         "entropy",
@@ -115,11 +147,31 @@ pub const TRAIN: [Column; 25] = [
         "at `step`: root mean square error of the next observation, in scaled space, of imagined steps that would \
          train the critics, executed in the simulator",
     ),
-    column("kept_reward_error", Of::Last, "the same: mean absolute error of the reward"),
-    column("kept_target_error", Of::Last, "the same: mean absolute error of the target"),
-    column("dropped_state_error", Of::Last, "as `kept_state_error`, of imagined steps that the filters drop"),
-    column("dropped_reward_error", Of::Last, "as `kept_reward_error`, of those"),
-    column("dropped_target_error", Of::Last, "as `kept_target_error`, of those"),
+    column(
+        "kept_reward_error",
+        Of::Last,
+        "the same: mean absolute error of the reward",
+    ),
+    column(
+        "kept_target_error",
+        Of::Last,
+        "the same: mean absolute error of the target",
+    ),
+    column(
+        "dropped_state_error",
+        Of::Last,
+        "as `kept_state_error`, of imagined steps that the filters drop",
+    ),
+    column(
+        "dropped_reward_error",
+        Of::Last,
+        "as `kept_reward_error`, of those",
+    ),
+    column(
+        "dropped_target_error",
+        Of::Last,
+        "as `kept_target_error`, of those",
+    ),
     column("temperature_loss", Of::Mean, "loss of SAC's temperature"),
 ];
 
@@ -128,7 +180,11 @@ pub const TIMING: [Column; 7] = [
     column("step", Of::Step, "environment steps taken"),
     column("seconds", Of::Last, "seconds since the row before"),
     column("steps_per_second", Of::Last, "environment steps a second"),
-    column("environment_seconds", Of::Last, "of those, acting and simulating"),
+    column(
+        "environment_seconds",
+        Of::Last,
+        "of those, acting and simulating",
+    ),
     column("update_seconds", Of::Last, "of those, learning"),
     column("evaluation_seconds", Of::Last, "of those, evaluating"),
     column("checkpoint_seconds", Of::Last, "of those, saving"),

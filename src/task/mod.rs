@@ -143,3 +143,16 @@ pub fn dense(task: &str) -> String {
         None => task.to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sparse_variant_is_the_same_task() {
+        assert_eq!(dense("EggHandOverSparse-v0"), dense("EggHandOver-v0"));
+        assert_ne!(dense("EggHandOver-v1"), dense("EggHandOver-v0"));
+        assert_ne!(dense("PenSpin-v0"), dense("EggHandOver-v0"));
+        assert_eq!(dense("unversioned"), "unversioned");
+    }
+}

@@ -124,7 +124,15 @@ impl Trainer {
         directory.write(CONFIG_TOML, &config.to_toml())?;
         directory.write(RUN_JSON, &run_json(Provenance::here()))?;
         let curves = Curves::create(directory.files(), directory.path())?;
-        Trainer::assemble(config, env, demonstrations, directory, curves, agent, replay)
+        Trainer::assemble(
+            config,
+            env,
+            demonstrations,
+            directory,
+            curves,
+            agent,
+            replay,
+        )
     }
 
     /// A run before its first step, of these parts.
@@ -258,10 +266,7 @@ fn augment(
 ///
 /// # Errors
 /// When there are none at the path, or one is damaged or does not fit the task.
-pub fn demonstrations(
-    config: &Config,
-    spec: &Spec,
-) -> Result<Option<Demonstrations>, TrainError> {
+pub fn demonstrations(config: &Config, spec: &Spec) -> Result<Option<Demonstrations>, TrainError> {
     let path = &config.demonstrations.path;
     if path.is_empty() {
         return Ok(None);

@@ -460,7 +460,9 @@ impl Collector {
         for source in &mut self.sources {
             moments.add(&source.main.reset());
             let began = source.side.as_mut().and_then(Side::begin_segment);
-            began.iter().for_each(|observation| moments.add(observation));
+            began
+                .iter()
+                .for_each(|observation| moments.add(observation));
         }
     }
 
@@ -519,11 +521,13 @@ fn write_single(out: &mut [f32], numbers: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env;
-    use crate::core::random::stream;
-    use crate::recordings::format::{Recorder, State, Step};
+    use crate::agent::Zero;
     use crate::config::DemonstrationSettings;
+    use crate::core::random::stream;
+    use crate::env;
     use crate::recordings::Sizes;
+    use crate::recordings::format::{Recorder, State, Step};
+    use crate::replay::Uniform;
 
     const TASK: &str = "Reacher-v4";
     const RECORDED: usize = 30;
@@ -565,7 +569,7 @@ mod tests {
         Demonstrations::load(directory.to_str().unwrap(), &sizes).unwrap()
     }
 
-    fn experience(demonstrations: Demonstrations, p_d: f64, p_r: f64) -> Collector {
+    fn collector(demonstrations: Demonstrations, p_d: f64, p_r: f64) -> Collector {
         let settings = DemonstrationSettings {
             probability: p_d,
             reset_probability: p_r,
@@ -580,7 +584,11 @@ mod tests {
             SEGMENT,
             stream(1, "segments"),
         );
-        Collector::new(vec![Source::new(episode("env"), Some(side), stream(1, "exploration"))])
+        Collector::new(vec![Source::new(
+            episode("env"),
+            Some(side),
+            stream(1, "exploration"),
+        )])
     }
 
     /// Steps of zero action, and of each: whether it was one of the main episode, the observation and
@@ -588,18 +596,20 @@ mod tests {
     fn run(collector: &mut Collector, steps: usize) -> Vec<(bool, Vec<f32>, Vec<f32>, bool)> {
         let mut replay = ReplayBuffer::new(steps, 11, 2);
         let mut moments = RunningMoments::new(11);
-        experience.reset(&mut moments);
+        collector.reset(&mut moments);
         let taken = (0..steps).map(|_| {
-            let (obs, previous) = experience.state();
-            let (obs, previous) = (obs.to_vec(), previous.to_vec());
-            let main = experience.side.as_ref().is_none_or(|side| side.in_main);
+            let source = &collector.sources[0];
+            let (obs, previous) = (&source.current().obs, &source.current().previous_action);
+            let (obs, previous) = (obs.clone(), previous.clone());
+            let main = source.side.as_ref().is_none_or(|side| side.in_main);
             let mut sinks = Sinks {
                 replay: &mut replay,
+                sampler: &mut Uniform,
                 moments: &mut moments,
                 reservoir: None,
             };
-            let taken = experience.step(&[0.0; 2], &mut sinks).unwrap();
-            (main, obs, previous, taken.ended.is_some())
+            let taken = collector.round(&mut [Zero.another()], &mut sinks).unwrap();
+            (main, obs, previous, taken[0].ended.is_some())
         });
         let taken = taken.collect();
         assert_eq!(replay.len(), steps);
@@ -611,9 +621,9 @@ mod tests {
     #[test]
     fn segments_begin_in_recorded_states_after_the_recorded_action() {
         let directory = tempfile::tempdir().unwrap();
-        let mut experience = experience(recorded(directory.path()), 1.0, 0.0);
+        let mut collector = collector(recorded(directory.path()), 1.0, 0.0);
         let mut seen = std::collections::BTreeSet::new();
-        for (t, (main, _, previous, _)) in run(&mut experience, 700).into_iter().enumerate() {
+        for (t, (main, _, previous, _)) in run(&mut collector, 700).into_iter().enumerate() {
             assert!(!main);
             if !(t as u64).is_multiple_of(SEGMENT) {
                 assert_eq!(previous, [0.0, 0.0], "the action executed in the segment");
@@ -630,11 +640,12 @@ mod tests {
     fn the_main_episode_goes_on_where_it_stood() {
         let directory = tempfile::tempdir().unwrap();
         let demonstrations = recorded(directory.path());
-        let mixed = run(&mut experience(demonstrations, 0.4, 0.3), 2000);
+        let mixed = run(&mut collector(demonstrations, 0.4, 0.3), 2000);
         // The same main environment alone, from the same stream.
-        let runner = Episode::new(env::make(TASK).unwrap().0, stream(1, "env"));
+        let episode = Episode::new(env::make(TASK).unwrap().0, stream(1, "env"));
         let main: Vec<_> = mixed.iter().filter(|taken| taken.0).collect();
-        let alone = run(&mut Experience::new(runner, None), main.len());
+        let source = Source::new(episode, None, stream(1, "exploration"));
+        let alone = run(&mut Collector::new(vec![source]), main.len());
         assert!(main.len() > 400 && main.len() < 800, "{}", main.len());
         for (mixed, alone) in main.into_iter().zip(&alone) {
             assert_eq!(mixed, alone);
@@ -656,14 +667,13 @@ mod tests {
         let checked = env::make_inspect(id).unwrap();
         let sizes = Sizes::of(checked.spec());
         let demonstrations = Demonstrations::load(fixture, &sizes).unwrap();
-        let mut runner = Episode::new(env::make(id).unwrap().0, stream(2, "segment-env"));
-        let mut moments = RunningMoments::new(116);
+        let mut episode = Episode::new(env::make(id).unwrap().0, stream(2, "segment-env"));
         let recorded = recording.obs.as_ref().unwrap();
         let first = recording.qpos.get(0).unwrap();
         let mut goals: Vec<Vec<f32>> = Vec::new();
         for _ in 0..20 {
-            runner.start_in(&demonstrations, &mut moments);
-            let (state, goal) = runner.obs.split_at(109);
+            episode.start_in(&demonstrations);
+            let (state, goal) = episode.obs.split_at(109);
             let near = |row: &[f64]| {
                 let pairs = row.iter().zip(state);
                 pairs.fold(0.0f64, |m, (a, b)| m.max((a - f64::from(*b)).abs())) < 1e-5
@@ -672,7 +682,7 @@ mod tests {
             let t = t.expect("the state of some row");
             let previous = t.checked_sub(1).and_then(|t| recording.action.get(t));
             let expected = previous.map_or(0.0, |action| action[7] as f32);
-            assert!((runner.previous_action[7] - expected).abs() < 1e-6);
+            assert!((episode.previous_action[7] - expected).abs() < 1e-6);
             let wide: Vec<f64> = goal.iter().map(|x| f64::from(*x)).collect();
             assert!(checked.goal_error(first, &wide, true) < 1e-6, "{wide:?}");
             assert!(!goals.contains(&goal.to_vec()), "drawn anew each time");

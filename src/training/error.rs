@@ -1,10 +1,10 @@
 //! Why a run ends badly.
 
-use crate::run::{CheckpointError, DiskError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
 use crate::config::ConfigError;
-use crate::env::MakeError;
 use crate::core::files::FileError;
+use crate::env::MakeError;
 use crate::recordings::DemonstrationError;
+use crate::run::{CheckpointError, DiskError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
 use std::collections::TryReserveError;
 use std::io::ErrorKind;
 use std::path::PathBuf;

@@ -3,11 +3,11 @@
 use super::assemble::make_env;
 use crate::agent::{Controller, Moment};
 use crate::config::Config;
-use crate::env::{Inspect, MakeError};
-use crate::task::{Spec, Step};
 use crate::core::parallel::join;
 use crate::core::random::Stream;
+use crate::env::{Inspect, MakeError};
 use crate::run::EvalRow;
+use crate::task::{Spec, Step};
 use rand::SeedableRng;
 
 /// How one episode went.
@@ -173,9 +173,8 @@ impl Evaluator {
             .collect();
         let run = |env: &mut dyn Inspect, mut actor: Box<dyn Controller>, first: usize| {
             let streams = streams.iter().skip(first).step_by(2);
-            let episodes = streams.map(|stream| {
-                run_episode(env, actor.as_mut(), &mut stream.clone(), watch)
-            });
+            let episodes =
+                streams.map(|stream| run_episode(env, actor.as_mut(), &mut stream.clone(), watch));
             episodes.collect::<Vec<_>>()
         };
         let [even, odd] = &mut self.envs;

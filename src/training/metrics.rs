@@ -51,7 +51,10 @@ impl Interval {
     /// The row at `step`, and a new interval.
     pub fn take(&mut self, step: u64) -> Vec<Field> {
         let told = std::mem::take(self).tallies;
-        TRAIN.iter().map(|column| field(column, step, &told)).collect()
+        TRAIN
+            .iter()
+            .map(|column| field(column, step, &told))
+            .collect()
     }
 }
 

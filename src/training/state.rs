@@ -1,12 +1,12 @@
 //! Saving a run, and going on from there to the last bit.
 
+use super::TrainError;
 use super::assemble::{demonstrations, empty_replay, make_env, make_rules, saved_agent};
 use super::clock::{Clock, ClockState};
 use super::collector::CollectorState;
 use super::metrics::Interval;
 use super::telemetry::Reservoir;
 use super::trainer::{Monitor, Trainer};
-use super::TrainError;
 use crate::config::{self, Config, Overrides};
 use crate::core::files::FileError;
 use crate::core::random::Stream;
@@ -263,8 +263,7 @@ impl Trainer {
         }
         self.log.trim(files, self.replay.width())?;
         self.curves.cut(sealed)?;
-        self.directory
-            .write(CONFIG_TOML, &self.config.to_toml())?;
+        self.directory.write(CONFIG_TOML, &self.config.to_toml())?;
         let json = fs::read_to_string(self.directory.path().join(RUN_JSON)).unwrap_or_default();
         self.directory
             .write(RUN_JSON, &Provenance::here().after(&json, self.step))?;

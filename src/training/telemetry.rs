@@ -3,11 +3,11 @@
 
 use super::Watch;
 use crate::agent::{ActorCritic, Agent};
-use crate::env::Inspect;
-use crate::task::{Env, EnvState, Step};
-use crate::nn::ObservationScaling;
 use crate::core::random::Stream;
+use crate::env::Inspect;
+use crate::nn::ObservationScaling;
 use crate::replay::{Batch, Transition};
+use crate::task::{Env, EnvState, Step};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -265,10 +265,10 @@ fn single(numbers: &[f64]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::training::assemble::agent_settings;
     use crate::config::{Config, Method};
-    use crate::env;
     use crate::core::random::stream;
+    use crate::env;
+    use crate::training::assemble::agent_settings;
 
     #[test]
     fn a_reservoir_is_a_uniform_choice() {

@@ -198,7 +198,11 @@ impl Trainer {
     fn next_round(&self) -> Round {
         let (before, end) = (self.step, self.config.steps);
         let phase_1 = self.config.random_steps;
-        let end = if before < phase_1 { end.min(phase_1) } else { end };
+        let end = if before < phase_1 {
+            end.min(phase_1)
+        } else {
+            end
+        };
         Round {
             before,
             after: end.min(before + self.config.environments as u64),
@@ -371,7 +375,8 @@ impl Trainer {
         }
         if step > self.config.random_steps {
             let core = &self.agent.core;
-            if let Some(bias) = telemetry::q_bias(core, &seen, self.config.discount, &self.scaling) {
+            if let Some(bias) = telemetry::q_bias(core, &seen, self.config.discount, &self.scaling)
+            {
                 self.interval.tell("q_bias", bias);
             }
             if let Some(Probing { reservoir, env }) = &mut self.probing {

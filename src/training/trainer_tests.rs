@@ -1,11 +1,15 @@
 //! The loop on simulations and figures that go wrong.
 
 use super::*;
+use crate::agent::{Controller, Playing};
 use crate::config::{Method, Overrides};
-use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
 use crate::core::files::Files;
+use crate::core::random::Stream;
 use crate::replay::Transition;
 use crate::run::manifest::Manifest;
+use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
+use crate::training::assemble::make_env;
+use crate::training::{ResumeOptions, Resumed};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -32,8 +36,8 @@ struct Scripted {
 
 impl Scripted {
     fn put_into(trainer: &mut Trainer, script: Script) {
-        let spec = trainer.experience.spec().clone();
-        trainer.experience.main.env = Box::new(Scripted {
+        let spec = trainer.collector.spec().clone();
+        trainer.collector.sources[0].main.env = Box::new(Scripted {
             spec,
             script,
             steps: 0,
@@ -105,7 +109,9 @@ fn config(steps: u64) -> Config {
 
 fn trainer(directory: &Path, steps: u64) -> Trainer {
     let directory = || RunDirectory::create(&directory.join("run"), false);
-    Trainer::new(config(steps), None, directory).unwrap()
+    let config = config(steps);
+    let env = make_env(&config).unwrap();
+    Trainer::new(config, env, None, directory).unwrap()
 }
 
 #[test]
@@ -169,11 +175,10 @@ fn a_loss_that_is_not_finite_stops_the_run_and_spares_the_checkpoint() {
             previous_action: &action,
         });
     }
-    trainer.step = 61;
-    let error = trainer.learn().unwrap_err();
+    let error = trainer.learn(61).unwrap_err();
     let message = error.to_string();
     assert!(
-        message.contains("step 61: loss of critic 1 is not finite"),
+        message.contains("step 61: critic_loss is not finite"),
         "{message}"
     );
     assert!(message.contains("checkpoints/last"), "{message}");
@@ -206,8 +211,7 @@ fn a_moment_past_single_precision_stops_the_run_at_once() {
             previous_action: &action,
         });
     }
-    trainer.step = 61;
-    let message = trainer.learn().unwrap_err().to_string();
+    let message = trainer.learn(61).unwrap_err().to_string();
     assert!(
         message.starts_with("step 61: a parameter of the critics"),
         "{message}"
@@ -240,13 +244,17 @@ fn an_action_that_is_not_finite_is_not_executed() {
     let directory = tempfile::tempdir().unwrap();
     let mut trainer = trainer(directory.path(), 100);
     trainer.step = 7;
+    let playing = Playing {
+        actions: vec![vec![f32::NAN]],
+    };
+    let controllers = &mut [playing.another()];
     let error = trainer
-        .act(&[f32::NAN], &mut Notes(Vec::new()))
+        .collect(controllers, &mut Notes(Vec::new()))
         .unwrap_err();
     assert!(
         error
             .to_string()
-            .starts_with("step 7: the action is not finite")
+            .starts_with("step 8: the action is not finite")
     );
 }
 
@@ -275,7 +283,7 @@ fn go(trainer: Trainer) -> Result<Outcome, TrainError> {
 /// A run of `quick` from its first step on a disk.
 fn begin(path: &Path, files: Files) -> Result<Outcome, TrainError> {
     let directory = || RunDirectory::create_on(files, path, false);
-    go(Trainer::new(quick(), None, directory)?)
+    go(Trainer::new(quick(), make_env(&quick())?, None, directory)?)
 }
 
 /// What is left of it; also the notes that it begins with.
@@ -324,12 +332,12 @@ fn files_of(path: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 /// Every checkpoint that stands can be gone on from: also the older one, whatever the run was doing.
 fn both_are_sound(path: &Path) {
     let config = crate::config::read_resolved(&path.join("config.toml"), &longer(61)).unwrap();
-    let spec = config.env().unwrap().spec().clone();
+    let spec = make_env(&config).unwrap().spec().clone();
     let directory = RunDirectory::open(path).unwrap();
     for checkpoint in crate::run::checkpoint::standing(&directory.checkpoints()) {
         // What is removed last may have lost some of its files.
         if !checkpoint.ends_with("previous.old") {
-            save::is_sound(&checkpoint, &directory, &config, &spec)
+            state::is_sound(&checkpoint, &directory, &config, &spec)
                 .unwrap_or_else(|error| panic!("{}: {error}", checkpoint.display()));
         }
     }
@@ -401,7 +409,7 @@ fn a_full_disk_is_named_with_the_last_good_checkpoint() {
             "{message}"
         );
         if let Some((_, good)) = message.split_once("the last good checkpoint is ") {
-            crate::training::Checkpoint::load(Path::new(good)).unwrap();
+            crate::run::Checkpoint::load(Path::new(good)).unwrap();
             named += 1;
         }
         left += usize::from(message.contains("no checkpoint had been saved yet"));
@@ -421,14 +429,14 @@ fn every_flipped_byte_of_a_checkpoint_is_an_error_or_changes_nothing() {
     let last = path.join("checkpoints/last");
     let config = crate::config::read_resolved(&path.join("config.toml"), &longer(70)).unwrap();
     let open = || RunDirectory::open(&path).unwrap();
-    let spec = config.env().unwrap().spec().clone();
+    let spec = make_env(&config).unwrap().spec().clone();
     let files = files_of(&path);
     // `previous` needs older chunks besides.
     let logged = crate::run::checkpoint::read_manifest(&last)
         .unwrap()
         .replay
         .unwrap();
-    let chunk = |c: &crate::replay::Chunk| format!("checkpoints/replay/{:012}.f32", c.first).into();
+    let chunk = |c: &crate::run::Chunk| format!("checkpoints/replay/{:012}.f32", c.first).into();
     let needed: Vec<PathBuf> = logged.chunks.iter().map(chunk).collect();
     assert!(needed.len() > 1);
     let belongs = |name: &&PathBuf| {
@@ -445,7 +453,7 @@ fn every_flipped_byte_of_a_checkpoint_is_an_error_or_changes_nothing() {
             let mut flipped = whole.clone();
             flipped[i] ^= 1 << (i % 8);
             std::fs::write(&file, flipped).unwrap();
-            match save::is_sound(&last, &run, &config, &spec) {
+            match state::is_sound(&last, &run, &config, &spec) {
                 // Nothing but the spaces of the manifest is free.
                 Ok(()) => assert!(name.ends_with("manifest.json"), "{} {i}", name.display()),
                 Err(error) => {
@@ -457,7 +465,7 @@ fn every_flipped_byte_of_a_checkpoint_is_an_error_or_changes_nothing() {
             }
             // Evaluation does with three of the files.
             if name.starts_with("checkpoints/last") && i % 5 == 0 {
-                match crate::training::Checkpoint::load(&last) {
+                match crate::run::Checkpoint::load(&last) {
                     Ok(checkpoint) => assert_eq!(checkpoint.step, 60),
                     Err(error) => assert!(error.to_string().contains("checkpoints/last/")),
                 }

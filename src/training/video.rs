@@ -3,12 +3,12 @@
 use super::{Evaluator, Watch};
 use crate::agent::Policy;
 use crate::config::Config;
-use crate::env::Inspect;
-use crate::task::Step;
 use crate::core::random::stream;
+use crate::env::Inspect;
 use crate::render::{
     self, Film, FilmError, Format, OutputError, PaintError, Painter, Playback, RenderError, develop,
 };
+use crate::task::Step;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,8 +1,8 @@
 //! What the hand tasks promise beyond what `mamf verify` compares: starts, goals, success, commands, rules.
 
+use mamf::core::random::{Stream, stream};
 use mamf::env::{self, Inspect, PenInertia};
 use mamf::task::{Rules, Start, VelocityReading};
-use mamf::core::random::{Stream, stream};
 use std::sync::Arc;
 
 /// Ids of the two-hand tasks with their dense reward.
@@ -54,7 +54,7 @@ impl Made {
         self.observation[spec.obs_size - spec.goal_size..].to_vec()
     }
 
-    fn step(&mut self, action: &[f64]) -> task::Step {
+    fn step(&mut self, action: &[f64]) -> mamf::task::Step {
         self.env.step(action, &mut self.observation)
     }
 
@@ -217,7 +217,7 @@ fn success_is_close_in_place_and_angle_and_pays_the_sparse_reward() {
         let arrival = probe.env.achieved_goal();
         let reward_at = |id: &str, goal: &[f64]| {
             let mut task = made(id);
-            let state = task::EnvState {
+            let state = mamf::task::EnvState {
                 goal: goal.to_vec(),
                 ..state.clone()
             };

@@ -1,8 +1,8 @@
 //! What every task promises: repeatable resets, exact restoring, time limits, divergence as a value.
 
+use mamf::core::random::{Stream, stream};
 use mamf::env;
 use mamf::task::{Env, Rules, VelocityReading};
-use mamf::core::random::{Stream, stream};
 use rand::RngExt;
 
 /// A uniformly random action of the task.
@@ -20,7 +20,7 @@ fn made(id: &str) -> (Box<dyn Env>, Vec<f64>) {
 }
 
 /// The bits of an observation and a step, for exact comparison.
-fn bits(observation: &[f64], step: task::Step) -> (Vec<u64>, u64, bool, bool, bool) {
+fn bits(observation: &[f64], step: mamf::task::Step) -> (Vec<u64>, u64, bool, bool, bool) {
     (
         observation.iter().map(|x| x.to_bits()).collect(),
         step.reward.to_bits(),

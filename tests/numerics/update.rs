@@ -1,16 +1,20 @@
 //! The update agrees with an independent implementation, `scripts/reference_update.py`, whose
 //! results lie in `fixtures/update` (see the README there).
 
+use mamf::agent::augment::expansion::RolloutStep;
+use mamf::agent::augment::imagination::{
+    Draws, ImaginaryTargets, Imagination, ImaginationSettings,
+};
+use mamf::agent::augment::{Augment, Expansion, ExpansionSettings, Plain};
 use mamf::agent::{
-    Agent, AgentSettings, Augmentation, BaseAlgorithm, ImaginationDraws, ModelDraws, Sample,
-    SmoothingSettings, Targets, TemperatureSettings,
+    ActorCritic, AgentSettings, BaseAlgorithm, Sample, SmoothingSettings, TargetRule,
+    TemperatureSettings, Update, targets,
 };
 use mamf::env;
-use mamf::task::VelocityReading;
-use mamf::imagination::{Imagination, ImaginationSettings};
 use mamf::model::{DynamicsModel, DynamicsShape, ModelSettings, World};
 use mamf::nn::{Backend, Coupling, NetworkSettings, ObservationScaling, Weights};
 use mamf::replay::Batch;
+use mamf::task::VelocityReading;
 use safetensors::SafeTensors;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -133,15 +137,16 @@ impl Case {
         World::new(model, rules)
     }
 
-    fn augmentation(&self, weights: &Weights) -> Augmentation {
+    fn augmentation(&self, weights: &Weights) -> Added {
         if self.n("horizon") > 0 {
-            return Augmentation::Expansion {
-                world: self.world(weights),
+            let settings = ExpansionSettings {
                 horizon: self.n("horizon"),
             };
+            let world = self.world(weights);
+            return Added::Expansion(Box::new(Expansion::new(&settings, world, 0)));
         }
         if !self.b("imagination") {
-            return Augmentation::None;
+            return Added::Nothing(Plain);
         }
         let comparison = if self.b("strict") {
             "greater"
@@ -162,13 +167,12 @@ impl Case {
             uncertainty_scale: self.parse("uncertainty_scale"),
             imaginary_loss_mean: self.parse("imaginary_loss_mean"),
         };
-        let imagination = Imagination::new(&settings, self.f("a_max"), self.world(weights))
-            .with_progress(self.f("eta"), self.f("running_max") as f32);
-        Augmentation::Imagination(imagination)
+        let mut imagination = Imagination::new(&settings, self.f("a_max"), self.world(weights), 0);
+        imagination.set_progress(self.f("eta"), self.f("running_max") as f32);
+        Added::Imagination(Box::new(imagination))
     }
 
-    fn agent(&self) -> Agent {
-        let weights = self.weights();
+    fn core(&self, weights: &Weights) -> ActorCritic {
         let settings = AgentSettings {
             base: self.base(),
             networks: NetworkSettings {
@@ -181,7 +185,7 @@ impl Case {
                 limit: self.f("a_max"),
             },
             discount: self.f("gamma"),
-            tau: self.f("tau"),
+            targets: TargetRule::Polyak { tau: self.f("tau") },
             policy_delay: self.n("policy_delay") as u64,
             smoothing: SmoothingSettings {
                 deviation: 0.2,
@@ -192,12 +196,11 @@ impl Case {
                 learning_rate: self.f("temperature_lr"),
             },
         };
-        Agent::load(
+        ActorCritic::load(
             settings,
             self.n("observation_size"),
             self.n("action_size"),
-            self.augmentation(&weights),
-            &weights,
+            weights,
             &Backend::Flex.device(),
         )
         .unwrap()
@@ -222,6 +225,8 @@ impl Case {
             next_obs: input("next_obs"),
             terminated: or_zeros("terminated", rows),
             previous_action: or_zeros("prev_action", rows * sa),
+            indices: Vec::new(),
+            weights: Vec::new(),
         }
     }
 
@@ -244,9 +249,8 @@ impl Case {
     fn extra_sample(&self, step: usize) -> Option<Sample> {
         (self.n("critic_updates") > 1).then(|| Sample {
             batch: self.batch(step, "extra_batch"),
-            smoothing: self.noise(step, "smoothing_extra"),
-            policy: Vec::new(),
-            model: None,
+            next_noise: self.noise(step, "smoothing_extra"),
+            actor_noise: Vec::new(),
         })
     }
 
@@ -258,19 +262,58 @@ impl Case {
             smoothing = vec![1.0; batch.action.len()];
         }
         Sample {
-            smoothing,
-            policy: self.noise(step, "policy"),
-            model: self.has_model().then(|| ModelDraws {
-                batch: self.batch(step, "model_batch"),
-                imagination: self.b("imagination").then(|| ImaginationDraws {
-                    action: self.noise(step, "imaginary"),
-                    smoothing: self.noise(step, "smoothing_imaginary"),
-                    keep: self.noise(step, "keep"),
-                }),
-            }),
+            next_noise: smoothing,
+            actor_noise: self.noise(step, "policy"),
             batch,
         }
     }
+
+    /// What the augmentation draws in step `step`.
+    fn give(&self, step: usize, added: &mut Added) {
+        match added {
+            Added::Nothing(_) => (),
+            Added::Expansion(expansion) => {
+                expansion
+                    .learned_mut()
+                    .give(self.batch(step, "model_batch"));
+            }
+            Added::Imagination(imagination) => {
+                let draws = Draws {
+                    action: self.noise(step, "imaginary"),
+                    next: self.noise(step, "smoothing_imaginary"),
+                    keep: self.noise(step, "keep"),
+                };
+                imagination.give(draws, self.batch(step, "model_batch"));
+            }
+        }
+    }
+}
+
+/// An augmentation that can be looked into.
+enum Added {
+    Nothing(Plain),
+    Imagination(Box<Imagination>),
+    Expansion(Box<Expansion>),
+}
+
+impl Added {
+    fn augment(&mut self) -> &mut dyn Augment {
+        match self {
+            Added::Nothing(plain) => plain,
+            Added::Imagination(imagination) => imagination.as_mut(),
+            Added::Expansion(expansion) => expansion.as_mut(),
+        }
+    }
+}
+
+/// Of one critic update: the losses and the figures agree with what is expected under `prefix`.
+fn agree_on_losses(update: &Update, prefix: &str, out: &impl Fn(&str) -> Vec<f64>, label: &str) {
+    for (i, loss) in update.critic_losses.iter().enumerate() {
+        let expected = out(&format!("{prefix}critic{}_loss", i + 1));
+        agree(label, &[*loss], &expected);
+    }
+    let sum: f64 = update.critic_losses.iter().map(|l| f64::from(*l)).sum();
+    assert_eq!(update.metrics.get("critic_loss"), Some(sum), "{label}");
 }
 
 /// Compares with the largest expected number as the scale, so that numbers near 0 count as what
@@ -300,49 +343,67 @@ fn reproduces(name: &str) {
         case.single("in.scaling.deviation"),
         5.0,
     );
-    let mut agent = case.agent();
+    let weights = case.weights();
+    let (mut core, mut added) = (case.core(&weights), case.augmentation(&weights));
     for step in 0..case.n("steps") {
         let out = |name: &str| case.array(&format!("out.{step}.{name}"));
         let label = |what: &str| format!("{name}, step {step}, {what}");
+        let rows = case.n("batch_size");
         if let Some(sample) = case.extra_sample(step) {
-            let targets = agent.prepare(&sample, &scaling);
-            agree(&label("first y"), &targets.y, &out("extra_y"));
-            let figures = agent.learn_critics(&sample, &targets);
-            for (i, loss) in figures.critic_losses.iter().enumerate() {
-                let expected = out(&format!("extra_critic{}_loss", i + 1));
-                agree(&label("first loss of a critic"), &[*loss], &expected);
-            }
+            let found = targets(&core, added.augment(), &sample, &scaling);
+            agree(&label("first y"), &found.rows.y, &out("extra_y"));
+            let update = core.step_critics(found.rows, rows, found.metrics);
+            agree_on_losses(&update, "extra_", &out, &label("first loss of a critic"));
         }
         let sample = case.sample(step);
-        let targets = agent.prepare(&sample, &scaling);
-        agree(&label("y"), &targets.y, &out("y"));
-        if let Some(loss) = targets.model_loss {
-            agree(&label("model loss"), &[loss], &out("model_loss"));
+        case.give(step, &mut added);
+        let found = targets(&core, added.augment(), &sample, &scaling);
+        agree(&label("y"), &found.rows.y[..rows], &out("y"));
+        let model_loss = found.metrics.get("model_loss");
+        assert_eq!(model_loss.is_some(), case.has_model());
+        if let Some(loss) = model_loss {
+            agree(&label("model loss"), &[loss as f32], &out("model_loss"));
         }
-        compare_imaginary(&targets, &out, &label);
-        compare_expanded(&targets, &out, &label);
-        let figures = agent.learn(&sample, &targets);
-        assert_eq!(figures.critic_losses.len(), case.base().critics());
-        for (i, loss) in figures.critic_losses.iter().enumerate() {
-            let expected = out(&format!("critic{}_loss", i + 1));
-            agree(&label("loss of a critic"), &[*loss], &expected);
+        match &added {
+            Added::Nothing(_) => (),
+            Added::Imagination(imagination) => {
+                compare_imaginary(imagination.last(), &out, &label);
+            }
+            Added::Expansion(expansion) => compare_expanded(expansion.last(), &out, &label),
         }
+        let wanted = found.rows.y[..rows].to_vec();
+        let mut update = core.step_critics(found.rows, rows, found.metrics);
+        core.step_actor_if_due(&sample, &found.observed, &mut update);
+        assert_eq!(update.critic_losses.len(), case.base().critics());
+        assert_eq!((update.errors.len(), wanted.len()), (rows, rows));
+        assert!(update.errors.iter().all(|e| *e >= 0.0));
+        agree_on_losses(&update, "", &out, &label("loss of a critic"));
         let due = (step + 1).is_multiple_of(case.n("policy_delay"));
-        assert_eq!(figures.actor_loss.is_some(), due);
-        if let Some(loss) = figures.actor_loss {
-            agree(&label("actor loss"), &[loss], &out("actor_loss"));
+        assert_eq!(update.actor_changed, due);
+        let told = |name: &str| update.metrics.get(name);
+        assert_eq!(told("actor_loss").is_some(), due);
+        if let Some(loss) = told("actor_loss") {
+            agree(&label("actor loss"), &[loss as f32], &out("actor_loss"));
         }
-        assert_eq!(figures.entropy.is_some(), case.base() == BaseAlgorithm::Sac);
-        if let Some(entropy) = figures.entropy {
-            agree(&label("log pi"), &[entropy.log_density], &out("log_pi"));
-            let loss = [entropy.temperature_loss];
-            agree(&label("temperature loss"), &loss, &out("temperature_loss"));
-            let weights = agent.weights();
+        assert_eq!(told("entropy").is_some(), case.base() == BaseAlgorithm::Sac);
+        if let (Some(entropy), Some(loss)) = (told("entropy"), told("temperature_loss")) {
+            agree(&label("log pi"), &[-entropy as f32], &out("log_pi"));
+            agree(
+                &label("temperature loss"),
+                &[loss as f32],
+                &out("temperature_loss"),
+            );
+            let mut weights = Weights::default();
+            core.save(&mut weights);
             let log_temperature = weights.get("log_temperature", &[1]).unwrap();
             agree(&label("log alpha"), &log_temperature, &out("log_alpha"));
         }
     }
-    let weights = agent.weights();
+    let mut weights = Weights::default();
+    core.save(&mut weights);
+    if let Some(learned) = added.augment().learned() {
+        learned.world.model.save(&mut weights);
+    }
     let last = case.n("steps") - 1;
     let networks: Vec<_> = weights.names().filter(|n| n.contains(".l")).collect();
     assert!(networks.len() >= 24, "{networks:?}");
@@ -363,13 +424,10 @@ fn reproduces(name: &str) {
 }
 
 fn compare_imaginary(
-    targets: &Targets,
+    imaginary: &ImaginaryTargets,
     out: &impl Fn(&str) -> Vec<f64>,
     label: &impl Fn(&str) -> String,
 ) {
-    let Some(imaginary) = &targets.imaginary else {
-        return;
-    };
     agree(&label("eta"), &[imaginary.noise_bound as f32], &out("eta"));
     agree(&label("a_hat"), &imaginary.action, &out("a_hat"));
     agree(&label("y_hat"), &imaginary.y_hat, &out("y_hat"));
@@ -386,25 +444,22 @@ fn compare_imaginary(
 }
 
 fn compare_expanded(
-    targets: &Targets,
+    expanded: &[RolloutStep],
     out: &impl Fn(&str) -> Vec<f64>,
     label: &impl Fn(&str) -> String,
 ) {
-    let Some(expanded) = &targets.expanded else {
-        return;
+    let joined = |part: fn(&RolloutStep) -> &Vec<f32>| -> Vec<f32> {
+        expanded.iter().flat_map(part).copied().collect()
     };
-    let joined = |part: fn(&mamf::agent::Position) -> &Vec<f32>| -> Vec<f32> {
-        expanded.positions.iter().flat_map(part).copied().collect()
-    };
-    let actions = joined(|position| &position.action);
+    let actions = joined(|step| &step.action);
     agree(&label("actions"), &actions, &out("a_positions"));
-    let y = joined(|position| &position.y);
+    let y = joined(|step| &step.y);
     agree(&label("y at all positions"), &y, &out("y_positions"));
-    let alive: Vec<f64> = joined(|position| &position.alive)
+    let mask: Vec<f64> = joined(|step| &step.mask)
         .into_iter()
         .map(f64::from)
         .collect();
-    assert_eq!(alive, out("mask"), "{}", label("mask"));
+    assert_eq!(mask, out("mask"), "{}", label("mask"));
 }
 
 macro_rules! cases {

@@ -1,6 +1,5 @@
 //! `mamf train` and `mamf eval`, end to end.
 
-
 use crate::common::{Place, config, messages, small_run, stderr};
 use safetensors::tensor::{Dtype, SafeTensors};
 use std::collections::BTreeMap;

@@ -1,6 +1,5 @@
 //! `mamf compare`, end to end, on curves whose figures are known.
 
-
 use crate::common::{Place, messages};
 use serde_json::Value;
 

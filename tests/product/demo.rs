@@ -3,8 +3,8 @@
 // Not all of it is needed here.
 
 use crate::common::{Place, SMALL, stderr};
-use mamf::recordings::demo::{Figures, Replayed, replay};
 use mamf::env;
+use mamf::recordings::demo::{Figures, Replayed, replay};
 use mamf::recordings::find;
 use mamf::recordings::format::{Array, Recording, write};
 use serde_json::{Map, Value};

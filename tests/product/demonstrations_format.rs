@@ -99,14 +99,18 @@ fn what_is_written_is_read_back() {
         let x = t as f64;
         assert_eq!(recording.qpos.get(t), Some(&[x, x + 0.25, 0.5][..]));
         assert_eq!(recording.qvel.get(t), Some(&[-x, 0.1][..]));
-        let row = |rows: &Option<mamf::recordings::format::Rows>| rows.as_ref().unwrap().get(t).unwrap()[0];
+        let row = |rows: &Option<mamf::recordings::format::Rows>| {
+            rows.as_ref().unwrap().get(t).unwrap()[0]
+        };
         assert_eq!(row(&recording.qacc_warmstart), x / 3.0);
         assert_eq!(row(&recording.time), 0.04 * x);
         assert_eq!(row(&recording.obs), x);
         assert_eq!(row(&recording.achieved_goal), x);
     }
     for t in 0..STEPS {
-        let row = |rows: &Option<mamf::recordings::format::Rows>| rows.as_ref().unwrap().get(t).unwrap()[0];
+        let row = |rows: &Option<mamf::recordings::format::Rows>| {
+            rows.as_ref().unwrap().get(t).unwrap()[0]
+        };
         assert_eq!(recording.action.get(t).unwrap(), [t as f64 / 4.0, -2.0]);
         assert_eq!(
             recording.ctrl.as_ref().unwrap().get(t).unwrap()[1],

@@ -4,6 +4,7 @@ use mamf::config::{self, Overrides};
 use mamf::nn::Weights;
 use mamf::recordings::format::Recording;
 use mamf::run::Checkpoint;
+use mamf::training::{make_env, saved_policy};
 use proptest::prelude::*;
 use std::collections::HashMap;
 use std::fs;
@@ -117,8 +118,11 @@ fn value() -> impl Strategy<Value = String> {
 /// A weights file of two small networks' arrays.
 fn weights() -> Vec<u8> {
     let mut weights = Weights::default();
-    mamf::nn::Mlp::new(&[3, 4, 2], &mut mamf::core::random::stream(1, "init"))
-        .save("actor", &mut weights);
+    mamf::nn::Mlp::new(
+        &mamf::nn::Architecture::relu(&[3, 4, 2]),
+        &mut mamf::core::random::stream(1, "init"),
+    )
+    .save("actor", &mut weights);
     mamf::nn::ObservationScaling::identity(3).save(&mut weights);
     weights
         .to_bytes(HashMap::from([("task".into(), "Reacher-v4".into())]))
@@ -158,10 +162,8 @@ fn read_checkpoint(directory: &TempDir, weights: &[u8], config: &[u8], state: &[
     match Checkpoint::load(directory.path()) {
         Ok(checkpoint) => {
             // Whatever loads either fits its task or says so.
-            if let Ok(env) = checkpoint.config.env() {
-                let _ = checkpoint
-                    .policy(env.spec())
-                    .map_err(|error| error.to_string());
+            if let Ok(env) = make_env(&checkpoint.config) {
+                let _ = saved_policy(&checkpoint, env.spec()).map_err(|error| error.to_string());
             }
         }
         Err(error) => assert!(!error.to_string().is_empty()),

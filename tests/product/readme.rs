@@ -27,7 +27,10 @@ fn every_link_leads_to_a_file() {
     let mut seen = 0;
     for page in pages() {
         let text = std::fs::read_to_string(&page).unwrap();
-        for (_, link) in text.match_indices("](").map(|(at, _)| text.split_at(at + 2)) {
+        for (_, link) in text
+            .match_indices("](")
+            .map(|(at, _)| text.split_at(at + 2))
+        {
             let link = link.split(')').next().unwrap();
             if link.contains("://") {
                 continue;

@@ -3,10 +3,10 @@
 // Not all of it is needed here.
 
 use crate::common::{Place, skipped, small_run, stderr};
-use mamf::env;
-use mamf::task::Start;
 use mamf::core::random::stream;
+use mamf::env;
 use mamf::render::{Film, Painter, Picture, available};
+use mamf::task::Start;
 use std::collections::HashSet;
 use std::fs::File;
 use std::process::Command;

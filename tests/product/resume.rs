@@ -1,6 +1,5 @@
 //! Runs that are interrupted, killed, damaged or changed, and go on: `mamf train --resume`.
 
-
 use crate::common::{Place, messages, small_run, stderr};
 use std::collections::BTreeSet;
 use std::fs;

@@ -1,6 +1,5 @@
 //! `mamf settings`, and the page that it writes.
 
-
 use crate::common::Place;
 use mamf::config::{KEYS, Method};
 

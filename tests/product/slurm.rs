@@ -1,6 +1,5 @@
 //! `mamf sweep --slurm`: the script, its submission, and a real job array where Slurm takes one.
 
-
 use crate::common::{Place, SMALL, config, messages, skipped, stderr};
 use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt;

@@ -1,6 +1,5 @@
 //! `mamf sweep`, end to end.
 
-
 use crate::common::{Place, SMALL, config, messages, stderr};
 use std::fs;
 use std::process::{Command, Stdio};

@@ -5,8 +5,8 @@ use std::io::Write as _;
 use std::path::Path;
 
 use assert_cmd::Command;
-use mamf::env::{self, Inspect};
 use mamf::core::random::stream;
+use mamf::env::{self, Inspect};
 use mamf::recordings::verify::verify;
 use npyz::WriterBuilder;
 use npyz::npz::NpzWriter;

@@ -32,7 +32,9 @@ const NEVER: [(&str, &str); 8] = [
 
 fn floor(room: &str) -> usize {
     let found = FLOORS.iter().position(|rooms| rooms.contains(&room));
-    found.unwrap_or_else(|| panic!("src/{room} is no room of the house: give it a floor in tests/product/walls.rs"))
+    found.unwrap_or_else(|| {
+        panic!("src/{room} is no room of the house: give it a floor in tests/product/walls.rs")
+    })
 }
 
 /// Why a file of the room `from` must not use the room `to`.
@@ -55,7 +57,9 @@ fn broken(from: &str, to: &str) -> Option<String> {
 /// The rooms that a source names by `crate::room`, tests of the same file left out.
 fn used(source: &str) -> Vec<String> {
     let product = source.split("#[cfg(test)]").next().unwrap_or_default();
-    let code = product.lines().map(|line| line.split("//").next().unwrap_or_default());
+    let code = product
+        .lines()
+        .map(|line| line.split("//").next().unwrap_or_default());
     let code: String = code.collect::<Vec<_>>().join("\n");
     let mut rooms = Vec::new();
     for after in code.split("crate::").skip(1) {
@@ -110,7 +114,10 @@ fn no_wall_is_broken() {
         if path.is_dir() {
             sources(path, &mut files);
         } else {
-            files.push((path.display().to_string(), fs::read_to_string(path).unwrap()));
+            files.push((
+                path.display().to_string(),
+                fs::read_to_string(path).unwrap(),
+            ));
         }
         for (file, source) in files {
             for other in used(&source) {
@@ -120,7 +127,10 @@ fn no_wall_is_broken() {
             }
         }
     }
-    assert!(seen > 300, "only {seen} uses were found: are they read at all?");
+    assert!(
+        seen > 300,
+        "only {seen} uses were found: are they read at all?"
+    );
     assert!(broken_walls.is_empty(), "\n{}", broken_walls.join("\n"));
 }
 
@@ -131,7 +141,11 @@ fn a_broken_wall_is_noticed_and_named() {
     assert_eq!(used(source), ["nn", "env", "task", "cli"]);
     assert_eq!(broken("agent", "nn"), None);
     assert_eq!(broken("agent", "agent"), None);
-    assert!(broken("agent", "env").unwrap().contains("agent (floor 3) uses env"));
+    assert!(
+        broken("agent", "env")
+            .unwrap()
+            .contains("agent (floor 3) uses env")
+    );
     assert!(broken("replay", "env").is_some() && broken("model", "replay").is_some());
     assert_eq!(broken("run", "agent").unwrap(), "run never uses agent");
 }

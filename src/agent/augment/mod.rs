@@ -6,8 +6,8 @@ pub mod imagination;
 pub use expansion::{Expansion, ExpansionSettings};
 pub use imagination::{Imagination, ImaginationSettings};
 
-use super::core::{ActorCritic, CriticRows, Inputs};
 use super::Metrics;
+use super::core::{ActorCritic, CriticRows, Inputs};
 use crate::core::random::{Stream, stream};
 use crate::model::{ModelBatch, World};
 use crate::nn::{Gradient, LearningState, ObservationScaling, WeightError, rows_of};
@@ -43,11 +43,7 @@ pub trait Augment: Send + Sync {
     }
 
     /// What the rows `range` of the batch drawn for the model add to the gradient of its loss.
-    fn differentiate(
-        &self,
-        range: Range<usize>,
-        scaling: &ObservationScaling,
-    ) -> Option<Gradient> {
+    fn differentiate(&self, range: Range<usize>, scaling: &ObservationScaling) -> Option<Gradient> {
         Some(self.learned()?.differentiate(range, scaling))
     }
 

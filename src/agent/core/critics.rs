@@ -1,13 +1,13 @@
 //! The critics with their targets: values for targets, and steps.
 
 use crate::agent::AgentSettings;
+use crate::core::parallel::join;
+use crate::core::random::Stream;
 use crate::nn::{
     Architecture, LearningState, Mlp, TrainableMlp, TrainableNetwork, WeightError, Weights, column,
     matrix, to_vec,
 };
 use crate::replay::Batch;
-use crate::core::parallel::join;
-use crate::core::random::Stream;
 use burn::tensor::Device;
 
 /// One or two critics, each with its target.
@@ -218,7 +218,10 @@ impl CriticRows {
         let (width, sa) = (observed.len() / rows, batch.action.len() / rows);
         let share = 1.0 / rows as f32;
         for (i, y) in y.iter().enumerate() {
-            let (observed, action) = (&observed[i * width..][..width], &batch.action[i * sa..][..sa]);
+            let (observed, action) = (
+                &observed[i * width..][..width],
+                &batch.action[i * sa..][..sa],
+            );
             self.push(observed, action, *y, share * batch.weight(i));
         }
     }

@@ -3,8 +3,10 @@
 use super::actor::{Actor, ActorBatch, NextOutput};
 use super::critics::Critics;
 use crate::agent::{AgentSettings, BaseAlgorithm, Metrics, SmoothingSettings};
-use crate::nn::{Coupling, Gradient, TrainableNetwork, LearningState, Mlp, WeightError, Weights, matrix, rows_of};
 use crate::core::parallel::halves;
+use crate::nn::{
+    Coupling, Gradient, LearningState, Mlp, TrainableNetwork, WeightError, Weights, matrix, rows_of,
+};
 use burn::tensor::{Device, Tensor};
 
 /// A deterministic policy and its target, whose actions TD3 smooths and DDPG does not.

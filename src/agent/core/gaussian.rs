@@ -1,13 +1,13 @@
 //! The actor of SAC: a squashed Gaussian policy with a learned temperature, and no target.
 
 use super::actor::{Actor, ActorBatch, NextOutput};
-use crate::agent::{AgentSettings, Metrics};
 use super::critics::Critics;
-use crate::nn::{
-    Coupling, Gradient, TrainableNetwork, LearningState, Mlp, ScalarAdam, TrainableMlp, WeightError, Weights,
-    matrix, rows_of, to_vec,
-};
+use crate::agent::{AgentSettings, Metrics};
 use crate::core::parallel::halves;
+use crate::nn::{
+    Coupling, Gradient, LearningState, Mlp, ScalarAdam, TrainableMlp, TrainableNetwork,
+    WeightError, Weights, matrix, rows_of, to_vec,
+};
 use burn::tensor::activation::softplus;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::f64::consts::{LN_2, PI};

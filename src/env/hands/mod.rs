@@ -13,14 +13,14 @@ use std::sync::Arc;
 
 use mujoco_rs::Model;
 
+use super::Inspect;
 use super::noise;
 use super::registry::Entry;
 use super::scene::Scene;
 use super::simulation::Simulation;
 use super::task::{Block, Command, Info, Recorded, Task, Velocity, block, goal};
-use super::Inspect;
-use crate::task::Rules;
 use crate::core::random::Stream;
+use crate::task::Rules;
 use layout::{
     CATCH_OVERARM, CATCH_UNDERARM, CATCH_UNDERARM_HARD, HAND_OVER, Layout, SPIN, TWO_CATCH_UNDERARM,
 };

@@ -32,8 +32,8 @@ use mujoco_rs::Model;
 use super::noise;
 use super::scene::Scene;
 use super::task::{self, Info, Task, Velocity};
-use crate::task::{Rules, VelocityReading};
 use crate::core::random::Stream;
+use crate::task::{Rules, VelocityReading};
 
 /// What the registry needs of a task that is described by one file: a task file implements this and
 /// [`Task`], and nothing else.

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use super::{UnusableRecording, common_directory, name, tasks};
 use crate::env;
 use crate::recordings::format::{Recording, Rows};
-use crate::recordings::{DemonstrationError, Demonstrations, Sizes};
 use crate::recordings::verify::{Cell, NOTHING, table};
+use crate::recordings::{DemonstrationError, Demonstrations, Sizes};
 
 /// What a recording holds.
 #[derive(Debug, Clone, PartialEq)]

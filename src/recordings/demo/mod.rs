@@ -12,8 +12,8 @@ mod series;
 use std::path::{Path, PathBuf};
 
 use crate::env::{self, Inspect, MakeError};
-use crate::recordings::format::{Recording, RecordingError};
 use crate::recordings::DemonstrationError;
+use crate::recordings::format::{Recording, RecordingError};
 use crate::recordings::verify::check_columns;
 
 pub use describe::{Description, describe, descriptions, totals};
@@ -53,7 +53,8 @@ impl UnusableRecording {
 /// # Errors
 /// If the task is unknown, the arrays do not fit it or a number is not finite.
 pub fn task_of(recording: &Recording) -> Result<Box<dyn Inspect>, UnusableRecording> {
-    let env = env::make_inspect(&recording.env).map_err(UnusableRecording::task(&recording.path))?;
+    let env =
+        env::make_inspect(&recording.env).map_err(UnusableRecording::task(&recording.path))?;
     check_columns(recording, env.as_ref())?;
     recording.check_finite()?;
     Ok(env)

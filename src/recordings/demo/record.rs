@@ -76,7 +76,11 @@ fn split<'a>(env: &dyn Inspect, observation: &'a [f64]) -> (&'a [f64], &'a [f64]
 }
 
 /// Hands the state that `env` is in to `record`.
-fn with_state<T>(env: &dyn Inspect, observation: &[f64], record: impl FnOnce(&State<'_>) -> T) -> T {
+fn with_state<T>(
+    env: &dyn Inspect,
+    observation: &[f64],
+    record: impl FnOnce(&State<'_>) -> T,
+) -> T {
     let state = env.snapshot();
     let achieved = env.achieved_goal();
     record(&State {

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use super::{Series, UnusableRecording, common_directory, name, tasks};
 use crate::env::{self, Inspect, Recorded};
-use crate::task::{Start, Step};
 use crate::recordings::format::Recording;
 use crate::recordings::verify::{
     Cell, Errors, NOTHING, add_all_but, check_columns, inertia, largest, number, row, table,
 };
+use crate::task::{Start, Step};
 
 /// Error of positions (metres, radians) past which an open-loop replay has left the recording.
 pub const DRIFT: f64 = 1e-3;

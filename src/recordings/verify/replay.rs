@@ -7,10 +7,10 @@ use std::sync::Arc;
 use super::error::Errors;
 use super::{RELATIVE_TOLERANCE, TOLERANCE};
 use crate::env::{self, Inspect, MakeError, PenInertia, Recorded};
-use crate::task::{Rules, Start, Step, VelocityReading};
-use crate::recordings::format::{Recording, RecordingError, Rows};
 use crate::recordings::Sizes;
+use crate::recordings::format::{Recording, RecordingError, Rows};
 use crate::task::dense;
+use crate::task::{Rules, Start, Step, VelocityReading};
 
 /// Why a rollout cannot be replayed.
 #[derive(Debug, thiserror::Error)]

@@ -4,9 +4,7 @@ mod filters;
 mod settings;
 
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
-pub use settings::{
-    ImaginaryLossMean, ImaginationSettings, TargetComparison, UncertaintyScale,
-};
+pub use settings::{ImaginaryLossMean, ImaginationSettings, TargetComparison, UncertaintyScale};
 
 use super::{Augment, Learned};
 use crate::agent::core::{ActorCritic, CriticRows, Inputs, Values};
@@ -228,7 +226,11 @@ impl Augment for Imagination {
         // What the policy does in the batch's states does not need the model.
         let model = &mut self.learned.world.model;
         let ((), policy) = join(
-            || gradient.into_iter().for_each(|gradient| model.step(gradient)),
+            || {
+                gradient
+                    .into_iter()
+                    .for_each(|gradient| model.step(gradient))
+            },
             || core.output(&inputs.observed),
         );
         let read = &*self;
