@@ -38,7 +38,8 @@ pub struct Key {
 pub enum Resume {
     /// No: results depend on it.
     Fixed,
-    /// With `--force`: no result depends on it, but what the run stores does.
+    /// With `--force`: no result depends on it, but what the run stores does, or, of demonstrations, only on what lies
+    /// there, which is compared.
     Forced,
     /// Without a word.
     Free,

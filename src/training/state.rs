@@ -7,7 +7,7 @@ use super::collector::CollectorState;
 use super::metrics::Interval;
 use super::telemetry::Reservoir;
 use super::trainer::{Monitor, Trainer};
-use crate::config::{self, Config, Overrides};
+use crate::config::{self, Config, Overrides, Resume};
 use crate::core::files::FileError;
 use crate::core::random::Stream;
 use crate::env::Inspect;
@@ -69,10 +69,6 @@ pub enum Resumed {
     /// Nothing: the run took all its steps, so many.
     Finished(u64),
 }
-
-/// Settings that may be changed with `--force`: no result depends on them, or, of the demonstrations, only
-/// on what lies there, which is compared.
-const HARMLESS: [&str; 3] = ["checkpoint.every", "demonstrations.path", "video.every"];
 
 impl Trainer {
     /// Saves `checkpoints/last`; the one before it becomes `checkpoints/previous`.
@@ -360,7 +356,7 @@ fn compare(
         // Without demonstrations on one side there is nothing to compare.
         let set = |value: &Option<String>| value.as_ref().is_some_and(|v| v != "\"\"");
         let both = difference.values.iter().all(set);
-        harmless &= HARMLESS.contains(&difference.key.as_str()) && both;
+        harmless &= difference.on_resume() == Resume::Forced && both;
         let [then, now] = difference
             .values
             .map(|value| value.unwrap_or_else(|| "unset".into()));
