@@ -8,7 +8,6 @@ pub mod demonstration;
 pub mod env;
 pub mod files;
 pub mod imagination;
-pub mod new_file;
 pub mod nn;
 pub mod parallel;
 pub mod random;

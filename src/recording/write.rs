@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 
 use super::archive::Archive;
 use super::read::Settings;
-use crate::new_file::NewFile;
+use crate::files::NewFile;
 
 /// What keeps a recording from being written.
 #[derive(Debug, thiserror::Error)]

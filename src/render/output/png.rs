@@ -8,7 +8,7 @@ use mujoco_rs::render::Picture;
 use png::{BitDepth, ColorType};
 
 use super::{Encoder, OutputError, failed};
-use crate::new_file::NewFile;
+use crate::files::NewFile;
 
 /// One picture; of several, the last.
 pub(super) struct Png {
