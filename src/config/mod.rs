@@ -4,7 +4,6 @@
 //! overriding the one before; the merged table is checked key by key and only then typed.
 //! [`KEYS`] says all of every key, [`Method::definition`] all of every method.
 
-mod demonstrations;
 mod errors;
 mod keys;
 mod merge;
@@ -15,7 +14,6 @@ mod settings;
 mod tests;
 mod validate;
 
-pub use demonstrations::DemonstrationSettings;
 pub use errors::{ConfigError, Source};
 pub use keys::{KEYS, Key, Resume, SECTIONS, find, is_section, nearest};
 pub use merge::{Overrides, parse, preset, read, read_resolved};

@@ -1,6 +1,5 @@
 //! A configuration as typed values.
 
-use super::DemonstrationSettings;
 use super::Method;
 use super::keys::{self, Resume};
 use crate::agent::augment::{ExpansionSettings, ImaginationSettings};
@@ -82,6 +81,25 @@ pub struct Exploration {
 #[expect(missing_docs, reason = "the table of keys says it")]
 pub struct Replay {
     pub capacity: usize,
+}
+
+/// Which demonstrations there are, how experience is divided into segments, and how often one begins in a
+/// demonstration. The scheme is that of SCDM.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the table of keys says it")]
+pub struct DemonstrationSettings {
+    pub path: String,
+    pub probability: f64,
+    pub reset_probability: f64,
+    pub decay: f64,
+    pub segment_steps: u64,
+}
+
+impl Default for DemonstrationSettings {
+    fn default() -> DemonstrationSettings {
+        Config::preset(Method::Mamf).demonstrations
+    }
 }
 
 /// What the designer knows of the task.

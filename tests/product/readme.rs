@@ -44,6 +44,58 @@ fn every_link_leads_to_a_file() {
 }
 
 #[test]
+fn every_path_that_is_named_is_there() {
+    const FOLDERS: [&str; 7] = ["src/", "tests/", "configs/", "scripts/", "crates/", "docs/", "benches/"];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut seen = 0;
+    for page in pages() {
+        let text = std::fs::read_to_string(&page).unwrap();
+        // Words, in prose and in commands, without the marks around them.
+        let words = text.split(|c: char| c.is_whitespace() || "`()|,;'\"".contains(c));
+        for word in words.map(|word| word.trim_end_matches(['.', ':'])) {
+            if FOLDERS.iter().any(|folder| word.starts_with(folder)) {
+                assert!(root.join(word).exists(), "{}: {word}", page.display());
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen > 50, "{seen} paths");
+}
+
+/// All sources below a folder, one after the other.
+fn sources(folder: &Path) -> String {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let texts = entries.map(|entry| entry.unwrap().path()).map(|path| {
+        if path.is_dir() {
+            return sources(&path);
+        }
+        let is_source = path.extension().is_some_and(|ending| ending == "rs");
+        if is_source { std::fs::read_to_string(&path).unwrap() } else { String::new() }
+    });
+    texts.collect()
+}
+
+#[test]
+fn every_test_that_shows_a_promise_is_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let sources = ["src", "tests"].map(|folder| sources(&root.join(folder))).concat();
+    let page = include_str!("../../docs/durability.md");
+    let named = page.split('`').skip(1).step_by(2);
+    let named = named.filter_map(|name| ["trainer: ", "resume: ", "slurm: "].iter().find_map(|file| name.strip_prefix(file)));
+    let mut seen = 0;
+    for name in named {
+        // A long one may be cut short.
+        let is_there = match name.strip_suffix('…') {
+            Some(beginning) => sources.contains(&format!("fn {beginning}")),
+            None => sources.contains(&format!("fn {name}()")),
+        };
+        assert!(is_there, "{name}");
+        seen += 1;
+    }
+    assert!(seen > 20, "{seen} tests");
+}
+
+#[test]
 fn the_readme_is_short() {
     let length = include_str!("../../README.md").len();
     assert!(length <= 10_000, "{length} bytes; details belong to docs/");
