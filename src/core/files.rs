@@ -1,15 +1,16 @@
-//! Files and directories that outlive a crash: everything a run keeps is written through here.
+//! Files that appear whole or not at all, and directories that outlive a crash.
 //!
-//! A file that is replaced is written beside the old one, synced, and renamed; whatever the moment of a
-//! crash, one of the two is there, whole. [`Files::failing_after`] is a disk that fills up or loses power
-//! at a chosen operation, with which the tests go through all of them.
+//! What a run keeps is written through [`Files`]. A file that is replaced is written beside the old one,
+//! synced, and renamed; whatever the moment of a crash, one of the two is there, whole. This is not left to a crate
+//! for two reasons: the tests go through every single operation with a disk that fails at it
+//! (`Files::failing_after`), and the file beside has one fixed name, so that a process that is killed again and again leaves one
+//! such file at most. [`NewFile`] is for what the user asked for: it never takes the place of another file.
 
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use tempfile::TempPath;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 /// What the system refused, and where.
@@ -30,51 +31,35 @@ impl FileError {
     }
 }
 
-/// A file layer: the system's, or one that fails.
+/// A file layer: the system's; in tests also one that fails.
 #[derive(Debug, Clone, Default)]
 pub struct Files {
-    /// Operations left until it fails, where it does.
-    left: Option<Arc<AtomicU64>>,
+    #[cfg(test)]
+    failure: Option<failure::Failure>,
 }
 
 /// Whether an operation is done as a whole or in part.
 #[derive(Clone, Copy, PartialEq)]
 enum Extent {
     Whole,
-    /// The disk fails on the way.
+    /// The disk fails on the way, in tests.
+    #[cfg_attr(not(test), expect(dead_code))]
     Half,
 }
 
 impl Files {
-    /// A disk on which `operations` more operations succeed. The next one is done by half; then nothing
-    /// is done any more.
-    pub fn failing_after(operations: u64) -> Files {
-        let left = Arc::new(AtomicU64::new(operations));
-        Files { left: Some(left) }
-    }
-
-    /// Whether it has failed; never so of the system's.
-    pub fn failed(&self) -> bool {
-        let left = self.left.as_ref();
-        left.is_some_and(|left| left.load(Ordering::Relaxed) == u64::MAX)
-    }
-
     /// Counts an operation on `path`.
+    #[cfg(test)]
     fn begin(&self, path: &Path) -> Result<Extent, FileError> {
-        let Some(left) = &self.left else {
-            return Ok(Extent::Whole);
-        };
-        match left.load(Ordering::Relaxed) {
-            u64::MAX => Err(full(path)),
-            0 => {
-                left.store(u64::MAX, Ordering::Relaxed);
-                Ok(Extent::Half)
-            }
-            n => {
-                left.store(n - 1, Ordering::Relaxed);
-                Ok(Extent::Whole)
-            }
-        }
+        self.failure
+            .as_ref()
+            .map_or(Ok(Extent::Whole), |failure| failure.begin(path))
+    }
+
+    #[cfg(not(test))]
+    #[expect(clippy::unused_self, clippy::unnecessary_wraps)]
+    fn begin(&self, _: &Path) -> Result<Extent, FileError> {
+        Ok(Extent::Whole)
     }
 
     /// Does `operation`, or nothing of it when the disk fails.
@@ -222,6 +207,16 @@ fn full(path: &Path) -> FileError {
     FileError::at(path)(ErrorKind::StorageFull.into())
 }
 
+/// What the system said, without the name of a temporary file, which the user does not know.
+fn plain(error: io::Error) -> io::Error {
+    let cause = error.get_ref().and_then(|error| error.source());
+    let cause = cause.and_then(|error| error.downcast_ref::<io::Error>());
+    match cause.and_then(io::Error::raw_os_error) {
+        Some(code) => io::Error::from_raw_os_error(code),
+        None => error,
+    }
+}
+
 /// `path` with `.suffix` after its name.
 pub fn beside(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_owned();
@@ -236,6 +231,58 @@ pub fn parent(path: &Path) -> &Path {
         Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
         Some(parent) => parent,
         None => path,
+    }
+}
+
+/// A file in the making, under another name until it is whole; removed unless it is kept.
+#[derive(Debug)]
+pub struct NewFile {
+    target: PathBuf,
+    temporary: TempPath,
+}
+
+impl NewFile {
+    /// Begins the file `target`, in its directory.
+    ///
+    /// # Errors
+    /// [`ErrorKind::AlreadyExists`] if there is a file of that name; whatever the system says if none can be
+    /// written there.
+    pub fn create(target: PathBuf) -> io::Result<NewFile> {
+        // A link that leads nowhere is in the way as well.
+        if target.symlink_metadata().is_ok() {
+            return Err(ErrorKind::AlreadyExists.into());
+        }
+        let mut prefix = target.file_name().unwrap_or_default().to_owned();
+        prefix.push(".");
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).suffix(".tmp");
+        // Unlike most temporary files it is to be one that others may read, if the umask lets them.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let file = builder.tempfile_in(parent(&target)).map_err(plain)?;
+        Ok(NewFile {
+            target,
+            temporary: file.into_temp_path(),
+        })
+    }
+
+    /// Where it is written.
+    pub fn temporary(&self) -> &Path {
+        &self.temporary
+    }
+
+    /// Where it will be.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// [`ErrorKind::AlreadyExists`] if another one took the name in the meantime.
+    pub fn keep(self) -> io::Result<()> {
+        let kept = self.temporary.persist_noclobber(&self.target);
+        kept.map_err(|error| error.error)
     }
 }
 
@@ -290,6 +337,52 @@ impl std::fmt::Debug for Checksummer {
     }
 }
 
+/// A disk that fills up or loses power at a chosen operation.
+#[cfg(test)]
+mod failure {
+    use super::{Extent, FileError, Files, full};
+    use std::path::Path;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// Operations left until it fails; `u64::MAX` once it has.
+    #[derive(Debug, Clone)]
+    pub(super) struct Failure(Arc<AtomicU64>);
+
+    impl Failure {
+        pub(super) fn begin(&self, path: &Path) -> Result<Extent, FileError> {
+            match self.0.load(Ordering::Relaxed) {
+                u64::MAX => Err(full(path)),
+                0 => {
+                    self.0.store(u64::MAX, Ordering::Relaxed);
+                    Ok(Extent::Half)
+                }
+                n => {
+                    self.0.store(n - 1, Ordering::Relaxed);
+                    Ok(Extent::Whole)
+                }
+            }
+        }
+    }
+
+    impl Files {
+        /// A disk on which `operations` more operations succeed. The next one is done by half; then nothing
+        /// is done any more.
+        pub(crate) fn failing_after(operations: u64) -> Files {
+            let left = Arc::new(AtomicU64::new(operations));
+            Files {
+                failure: Some(Failure(left)),
+            }
+        }
+
+        /// Whether it has failed; never so of the system's.
+        pub(crate) fn failed(&self) -> bool {
+            let failure = self.failure.as_ref();
+            failure.is_some_and(|failure| failure.0.load(Ordering::Relaxed) == u64::MAX)
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -341,5 +434,40 @@ mod tests {
         );
         assert_eq!(parent(Path::new("b")), Path::new("."));
         assert_eq!(parent(Path::new("a/b")), Path::new("a"));
+    }
+
+    #[test]
+    fn a_file_appears_whole_or_not_at_all_and_over_no_other() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("a.txt");
+        let file = NewFile::create(path.clone()).unwrap();
+        fs::write(file.temporary(), "half").unwrap();
+        assert!(!path.exists());
+        drop(file);
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 0);
+
+        let (first, file) = (
+            NewFile::create(path.clone()).unwrap(),
+            NewFile::create(path.with_extension("png")).unwrap(),
+        );
+        fs::write(first.temporary(), "whole").unwrap();
+        first.keep().unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "whole");
+        #[cfg(unix)]
+        {
+            // Others may do with it what they may do with any file that is made here.
+            use std::os::unix::fs::PermissionsExt;
+            let plain = place.path().join("plain");
+            fs::write(&plain, "").unwrap();
+            let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+            assert_eq!(mode(&path), mode(&plain));
+            fs::remove_file(plain).unwrap();
+        }
+        let error = NewFile::create(path).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::AlreadyExists);
+        fs::write(file.target(), "another's").unwrap();
+        let error = file.keep().unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::AlreadyExists);
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 2);
     }
 }

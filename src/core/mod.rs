@@ -1,6 +1,5 @@
 //! What every room stands on: random streams, work side by side, files that outlive a crash.
 
 pub mod files;
-pub mod new_file;
 pub mod parallel;
 pub mod random;

@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 
 use super::archive::Archive;
 use super::read::Settings;
-use crate::core::new_file::NewFile;
+use crate::core::files::NewFile;
 
 /// What keeps a recording from being written.
 #[derive(Debug, thiserror::Error)]

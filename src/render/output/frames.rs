@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use mujoco_rs::render::Picture;
 
 use super::{Encoder, OutputError, failed, png};
-use crate::core::new_file::NewFile;
+use crate::core::files::NewFile;
 
 /// `frame_00001.png` and so on in a directory.
 pub(super) struct Frames {

@@ -9,7 +9,7 @@ use mujoco_rs::render::Picture;
 
 use super::palette::{COLOURS, Palette};
 use super::{Encoder, Format, OutputError, failed};
-use crate::core::new_file::NewFile;
+use crate::core::files::NewFile;
 
 /// The index of pixels that stay as they are, after those of the palette.
 const UNCHANGED: u8 = COLOURS as u8;

@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use mujoco_rs::render::Picture;
 
 use super::{Encoder, OutputError, failed};
-use crate::core::new_file::NewFile;
+use crate::core::files::NewFile;
 
 /// A video in the making: pictures go to a running `ffmpeg`.
 pub(super) struct Mp4 {
