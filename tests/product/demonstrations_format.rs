@@ -8,8 +8,6 @@ use mamf::core::random::stream;
 use mamf::recordings::find;
 use mamf::recordings::format::{Array, Recorder, Recording, State, Step, WriteError, write};
 use mamf::recordings::{DemonstrationError, Demonstrations, Sizes};
-use npyz::npz::NpzWriter;
-use npyz::zip::write::FileOptions;
 use serde_json::{Map, Value};
 use tempfile::TempDir;
 
@@ -539,17 +537,18 @@ fn numbers_of_another_type_are_refused() {
     use npyz::WriterBuilder as _;
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("demo_1.npz");
-    let mut npz = NpzWriter::create(&path).unwrap();
-    let mut writer = npz
-        .array::<f32>("action", FileOptions::default())
-        .unwrap()
+    let mut archive = zip::ZipWriter::new(fs::File::create(&path).unwrap());
+    let options = zip::write::SimpleFileOptions::default();
+    archive.start_file("action.npy", options).unwrap();
+    let mut writer = npyz::WriteOptions::<f32>::new()
         .default_dtype()
         .shape(&[2, 2])
+        .writer(&mut archive)
         .begin_nd()
         .unwrap();
     writer.extend([0.0f32; 4]).unwrap();
     writer.finish().unwrap();
-    drop(npz);
+    archive.finish().unwrap();
     fs::write(
         path.with_extension("json"),
         format!(r#"{{"env": "{TASK}"}}"#),

@@ -9,8 +9,6 @@ use mamf::core::random::stream;
 use mamf::env::{self, Inspect};
 use mamf::recordings::verify::verify;
 use npyz::WriterBuilder;
-use npyz::npz::NpzWriter;
-use npyz::zip::write::FileOptions;
 use rand::RngExt;
 use tempfile::TempDir;
 
@@ -40,19 +38,23 @@ fn changed(task: &str, change: impl FnOnce(&mut Vec<u8>, &serde_json::Value)) ->
 type Arrays = Vec<(&'static str, Vec<u64>, Vec<f64>)>;
 
 fn write_rollout(directory: &Path, name: &str, env: &str, arrays: &Arrays) {
-    let mut npz = NpzWriter::create(directory.join(format!("{name}.npz"))).unwrap();
+    let file = fs::File::create(directory.join(format!("{name}.npz"))).unwrap();
+    let mut archive = zip::ZipWriter::new(file);
     for (array, shape, numbers) in arrays {
-        let mut writer = npz
-            .array(array, FileOptions::default())
-            .unwrap()
+        let options = zip::write::SimpleFileOptions::default();
+        archive
+            .start_file(format!("{array}.npy"), options)
+            .unwrap();
+        let mut writer = npyz::WriteOptions::new()
             .default_dtype()
             .shape(shape)
+            .writer(&mut archive)
             .begin_nd()
             .unwrap();
         writer.extend(numbers).unwrap();
         writer.finish().unwrap();
     }
-    drop(npz);
+    archive.finish().unwrap();
     let mut settings = fs::File::create(directory.join(format!("{name}.json"))).unwrap();
     write!(settings, "{{\"env\": \"{env}\"}}").unwrap();
 }

@@ -20,7 +20,6 @@ use super::scene::Scene;
 use super::simulation::Simulation;
 use super::task::{Block, Command, Info, Recorded, Task, Velocity, block, goal};
 use crate::core::random::Stream;
-use crate::task::Rules;
 use layout::{
     CATCH_OVERARM, CATCH_UNDERARM, CATCH_UNDERARM_HARD, HAND_OVER, Layout, SPIN, TWO_CATCH_UNDERARM,
 };

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Read as _};
 use std::path::Path;
 
-use npyz::npz::NpzArchive;
+use zip::ZipArchive;
 
 use super::error::RecordingError;
 use super::read::Settings;
@@ -20,22 +20,22 @@ pub(super) type Contents = (Vec<usize>, Vec<f64>);
 pub(super) struct Archive<'a> {
     path: &'a Path,
     settings: &'a Settings,
-    npz: NpzArchive<BufReader<File>>,
+    zip: ZipArchive<BufReader<File>>,
 }
 
 impl<'a> Archive<'a> {
     /// Opens the file `path`, whose arrays `settings` announces.
     pub fn open(path: &'a Path, settings: &'a Settings) -> Result<Self, RecordingError> {
         let file = File::open(path).map_err(|source| RecordingError::io(path, source))?;
-        let npz =
-            NpzArchive::new(BufReader::new(file)).map_err(|source| RecordingError::Archive {
+        let zip =
+            ZipArchive::new(BufReader::new(file)).map_err(|error| RecordingError::Archive {
                 path: path.to_owned(),
-                source,
+                source: error.into(),
             })?;
         Ok(Self {
             path,
             settings,
-            npz,
+            zip,
         })
     }
 
@@ -74,7 +74,7 @@ impl<'a> Archive<'a> {
     /// Shape and numbers of the array `name`, if there is one; it must be there if announced.
     pub fn contents(&mut self, name: &str) -> Result<Option<Contents>, RecordingError> {
         let announced = self.settings.arrays.get(name);
-        if !self.npz.array_names().any(|n| n == name) {
+        if self.zip.index_for_name(&member_of(name)).is_none() {
             return match announced {
                 Some(_) => Err(self.problem(name, "is announced by the settings but missing")),
                 None => Ok(None),
@@ -94,18 +94,18 @@ impl<'a> Archive<'a> {
     /// Byte position of the first number of the array `name`, of `count` numbers, if it is stored
     /// without compression.
     pub fn offset(&mut self, name: &str, count: usize) -> Option<u64> {
-        let member = npyz::npz::file_name_from_array_name(name);
-        let file = self.npz.zip_archive().by_name(&member).ok()?;
+        let member = member_of(name);
+        let file = self.zip.by_name(&member).ok()?;
         let header = file.compressed_size().checked_sub(8 * count as u64)?;
-        Some(file.data_start() + header)
+        Some(file.data_start()? + header)
     }
 
     /// The member of the array `name`, whole, so that its checksum is tested before its contents are
     /// interpreted.
     fn member(&mut self, name: &str) -> Result<Vec<u8>, RecordingError> {
-        let member = npyz::npz::file_name_from_array_name(name);
+        let member = member_of(name);
         let mut bytes = Vec::new();
-        let read = match self.npz.zip_archive().by_name(&member) {
+        let read = match self.zip.by_name(&member) {
             Ok(file) => file
                 .take(MOST_BYTES + 1)
                 .read_to_end(&mut bytes)
@@ -124,6 +124,11 @@ impl<'a> Archive<'a> {
     fn problem(&self, array: &str, problem: impl Into<String>) -> RecordingError {
         RecordingError::array(self.path, array, problem)
     }
+}
+
+/// The file in the archive that holds the array `name`.
+pub(super) fn member_of(name: &str) -> String {
+    format!("{name}.npy")
 }
 
 /// The product of the lengths; `None` if it is absurd.

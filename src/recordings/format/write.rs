@@ -5,12 +5,11 @@ use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use npyz::WriterBuilder;
-use npyz::npz::NpzWriter;
-use npyz::zip::write::FileOptions;
-use npyz::zip::{CompressionMethod, DateTime};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipWriter};
 use serde_json::{Map, Value, json};
 
-use super::archive::Archive;
+use super::archive::{Archive, member_of};
 use super::read::Settings;
 use crate::core::files::NewFile;
 
@@ -331,22 +330,23 @@ fn problem(stem: &Path, array: &str, problem: impl Into<String>) -> WriteError {
 
 fn write_arrays(path: &Path, arrays: &[Array]) -> io::Result<()> {
     // No time of day: equal trajectories make equal files.
-    let options = FileOptions::default()
+    let options = SimpleFileOptions::default()
         .compression_method(CompressionMethod::Stored)
         .last_modified_time(DateTime::default());
-    let mut npz = NpzWriter::new(BufWriter::new(File::create(path)?));
+    let mut archive = ZipWriter::new(BufWriter::new(File::create(path)?));
     for array in arrays {
         let large = 8 * array.numbers.len() as u64 >= u64::from(u32::MAX) / 2;
         let shape: Vec<u64> = array.shape.iter().map(|&n| n as u64).collect();
-        let mut writer = npz
-            .array(&array.name, options.large_file(large))?
+        archive.start_file(member_of(&array.name), options.large_file(large))?;
+        let mut writer = npyz::WriteOptions::new()
             .default_dtype()
             .shape(&shape)
+            .writer(&mut archive)
             .begin_nd()?;
         writer.extend(&array.numbers)?;
         writer.finish()?;
     }
-    let mut file = npz.zip_writer().finish()?;
+    let mut file = archive.finish()?;
     file.flush()?;
     file.get_ref().sync_all()
 }
