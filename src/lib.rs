@@ -15,6 +15,7 @@ pub mod recording;
 pub mod render;
 pub mod replay;
 pub mod sweep;
+pub mod table;
 pub mod training;
 pub mod verification;
 
