@@ -7,6 +7,7 @@ mod envs;
 mod eval;
 mod progress;
 mod render;
+mod signals;
 mod slurm;
 mod sweep;
 mod table;
