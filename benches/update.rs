@@ -17,6 +17,10 @@ use std::hint::black_box;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
+/// That of the program.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 const TASK: &str = "HalfCheetah-v4";
 const STORED: usize = 100_000;
 

@@ -4,7 +4,8 @@
 #
 #   scripts/figures.sh
 #
-# Needs the Python packages of scripts/requirements.txt: of .venv if there is one (scripts/setup.sh --plots makes it),
+# Needs the program (cargo build --release), whose `mamf curves` computes all numbers, and the Python packages of
+# scripts/requirements.txt: of .venv if there is one (scripts/setup.sh --plots makes it),
 # else of python3.
 set -euo pipefail
 cd "$(dirname "$0")/.."

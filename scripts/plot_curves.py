@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Draws learning curves and statistics of runs, and writes the same numbers as Markdown tables.
+"""Draws learning curves and statistics of runs, and writes the same numbers as Markdown tables. All numbers are those
+of `mamf curves`.
 
     python scripts/plot_curves.py runs/Hopper-v4 --out figures
     python scripts/plot_curves.py 'runs/figure_2/*/*/seed-*' --out figures --baseline td3
@@ -9,7 +10,7 @@ A run directory is <folder>/<method>/seed-<n>, as `mamf train` and `mamf sweep` 
 (or that of a directory called otherwise) is the name of its line. A panel is a task; where runs of one task lie in
 several folders, each folder has its panel. Written to the folder --out:
 
-  curves       learning curves: mean or IQM over seeds with a 95 % stratified-bootstrap band
+  curves       learning curves: mean or IQM over seeds, with a 95 % band of Student's t from 5 seeds on
   aggregate    median, IQM, mean and optimality gap of normalised final returns
   improvement  probability that a run of one method scores higher than one of another
   profiles     fraction of runs whose normalised final return is above a threshold
@@ -28,10 +29,11 @@ from pathlib import Path
 
 NEEDED = "what is needed is installed, for Python 3.11 or newer, by `pip install -r scripts/requirements.txt`"
 try:
-    from curves.runs import FIGURES, METRICS, InputError, find_runs, panels_of, read_run
+    from curves.data import FIGURES, METRICS, InputError, Refused, compute
 except ImportError as error:
     sys.exit(f"error: {error}; {NEEDED}")
 
+ROOT = Path(__file__).resolve().parent.parent
 FORMATS = ["png", "svg"]
 
 
@@ -108,15 +110,31 @@ def parse_arguments():
         help="ablation: lettered panels, --full heavier",
     )
     add("--full", default="mamf", metavar="METHOD", help="whole method of an ablation (default: %(default)s)")
+    add("--mamf", metavar="FILE", help="the program (default: that of target/release, else of the PATH)")
     add("--reps", type=at_least(100), default=2000, metavar="N", help="bootstrap resamples (default: %(default)s)")
     return parser.parse_args()
 
 
-def read_panels(arguments):
-    """Panels of the runs, with the options checked that name something of them."""
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise InputError(f"--out {arguments.out}: a file; give a folder")
-    panels = panels_of([read_run(path, arguments.metric) for path in find_runs(arguments.runs)], arguments.merge)
+def find_mamf():
+    """The program that was built here, or that of the PATH."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    built = target / "release" / "mamf"
+    return str(built) if built.exists() else "mamf"
+
+
+def options_of(arguments):
+    """The options of `mamf curves`."""
+    options = ["--metric", arguments.metric, "--statistic", arguments.statistic]
+    options += ["--smooth", str(arguments.smooth), "--repetitions", str(arguments.reps)]
+    if arguments.merge:
+        options.append("--merge")
+    if arguments.reference:
+        options += ["--reference", str(arguments.reference)]
+    return [*options, "--", *arguments.runs]
+
+
+def check(panels, arguments):
+    """Checks the options that name something of the runs."""
     labels = sorted({label for panel in panels for label in panel.lines})
     titles = [panel.title for panel in panels]
     asked = [("--range", title, [*titles, "aggregate", "efficiency"]) for title, _ in arguments.range]
@@ -129,15 +147,13 @@ def read_panels(arguments):
             raise InputError(f"{option} {name}: not among the runs; there are {', '.join(names)}")
     if len(labels) == 1 and "improvement" in (arguments.figures or []):
         raise InputError(f"--figures improvement: needs two methods; there is {labels[0]} only")
-    return panels
 
 
 def load():
-    """The modules that draw. They take seconds to load, so that mistakes in the runs are told first."""
+    """The modules that draw. They take a second to load, so that mistakes in the runs are told first."""
     try:
         from curves import figures, report
-    # A TypeError is what arch ends with beside pandas 3.
-    except (ImportError, TypeError) as error:
+    except ImportError as error:
         sys.exit(f"error: {error}; {NEEDED}")
     return figures, report
 
@@ -165,9 +181,14 @@ def write(save, drawn, text, out, formats):
 def main():
     arguments = parse_arguments()
     try:
-        panels = read_panels(arguments)
+        if arguments.out.exists() and not arguments.out.is_dir():
+            raise InputError(f"--out {arguments.out}: a file; give a folder")
+        curves = compute(arguments.mamf or find_mamf(), options_of(arguments))
+        check(curves.panels, arguments)
         figures, report = load()
-        drawn, text = report.draw(panels, arguments)
+        drawn, text = report.draw(curves, arguments)
+    except Refused as refused:
+        sys.exit(refused.code)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

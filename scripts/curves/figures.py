@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from .scores import AGGREGATES, short
+from .data import AGGREGATES, Estimate, short
 
 WIDTH = 7.0
 DPI = 200
@@ -22,6 +22,8 @@ DPI = 200
 LINE_HEIGHT, CHARACTERS_PER_INCH = 0.145, 17
 # Ticks stand at these numbers and their tenfolds.
 ROUND = [1, 2, 5, 10]
+# Curves of fewer seeds than this have no band: an interval of so few is wider than any panel. The seeds themselves are drawn.
+BAND_SEEDS = 5
 # More notes than this stand in the table only.
 MOST_NOTES = 10
 
@@ -98,6 +100,21 @@ def format_axis(axis, ticks):
         side.set_major_formatter(FuncFormatter(tick))
 
 
+def has_band(line):
+    return line.seeds >= BAND_SEEDS
+
+
+def draw_curve(axis, line, style, order, heavy):
+    """A learning curve: its line with a band, or with a thin line for each of few seeds."""
+    if has_band(line):
+        draw_line(axis, line.steps, line.estimate, style, order, heavy)
+        return
+    if line.seeds > 1:
+        for run in line.runs:
+            axis.plot(line.steps, run, color=style[0], linewidth=0.6, alpha=0.45, zorder=1.5)
+    draw_line(axis, line.steps, Estimate(line.estimate.value), style, order, heavy)
+
+
 def draw_line(axis, x, estimate, style, order, heavy=False, marks=7):
     """A line with its band; `order` is its number among the lines, by which markers are kept apart."""
     colour, dashes, marker = style
@@ -123,9 +140,9 @@ def handle(label, style, seeds, heavy=False):
     colour, dashes, marker = style
     few, many = min(seeds), max(seeds)
     if few == many:
-        text = "1 seed: no band" if many == 1 else f"{many} seeds"
+        text = "1 seed" if many == 1 else f"{many} seeds"
     else:
-        text = f"{few} to {many} seeds" + ("; no band for 1" if few == 1 else "")
+        text = f"{few} to {many} seeds"
     width, size = (2.2, 4.2) if heavy else (1.2, 3.6)
     return Line2D(
         [],
@@ -204,9 +221,8 @@ def panel_title(text, columns):
     return text if len(text) <= room else text.replace(" (", "\n(", 1).replace(", period", "\nperiod", 1)
 
 
-def curves(panels, labels, lines, what, notes, ranges, full=None):
-    """One panel a task, one line a label; `lines` is `{title: {label: Line}}`, `ranges` `{title: (low, high)}` of
-    panels that do not show all.
+def curves(panels, labels, what, notes, ranges, full=None):
+    """One panel a task, one line a label; `ranges` is `{title: (low, high)}` of panels that do not show all.
 
     With `full`, an ablation: panels are lettered, and that label is drawn heavier than its variants.
     """
@@ -217,8 +233,7 @@ def curves(panels, labels, lines, what, notes, ranges, full=None):
     styles = styles_of(labels)
     for number, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         for order, label in enumerate(label for label in labels if label in panel.lines):
-            line = lines[panel.title][label]
-            draw_line(axis, line.steps, line.estimate, styles[label], order, label == full)
+            draw_curve(axis, panel.lines[label], styles[label], order, label == full)
         letter = f"({chr(ord('a') + number)}) " if full and len(panels) > 1 else ""
         axis.set_title(panel_title(letter + panel.title, columns), fontsize=9 if columns < 4 else 8)
         format_axis(axis, ({1: 8, 2: 6}.get(columns, 4), 5))
@@ -231,7 +246,7 @@ def curves(panels, labels, lines, what, notes, ranges, full=None):
             axis.set_xlabel("environment steps")
     handles = []
     for label in labels:
-        seeds = [lines[panel.title][label].seeds for panel in panels if label in panel.lines]
+        seeds = [panel.lines[label].seeds for panel in panels if label in panel.lines]
         handles.append(handle(label, styles[label], seeds, label == full))
     return finish(figure, handles, notes)
 

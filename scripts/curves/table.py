@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .scores import AGGREGATES, ROUND_THRESHOLDS, bootstrap, final_returns, iqm, mean, short
+from .data import AGGREGATES, ROUND_THRESHOLDS, short
 
 # Parts of the steps at which curves are written down.
 PARTS = [0.25, 0.5, 0.75, 1.0]
@@ -44,28 +44,25 @@ def section(heading, text, header, rows):
     return [f"## {heading}", "", text, ""] + table(header, rows)
 
 
-def final_section(panels, labels, metric, reps):
+def final_section(panels, labels, metric):
     """Final returns by task and label."""
     rows = []
     for panel in panels:
         for label in (label for label in labels if label in panel.lines):
-            runs = panel.lines[label]
-            final = final_returns(runs)[:, None]  # [runs, 1]
-            both = bootstrap(final, lambda x: np.concatenate([mean(x), iqm(x)]), reps)
-            columns = [cell(both, 0), cell(both, 1)]
-            last = sorted({run.last for run in runs})
+            line = panel.lines[label]
+            last = sorted(set(line.last))
             steps = short(last[0]) if len(last) == 1 else f"{short(last[0])} to {short(last[-1])}"
-            rows.append([panel.title, label, str(len(runs)), steps, *columns])
+            rows.append([panel.title, label, str(line.seeds), steps, cell(line.final, 0), cell(line.final, 1)])
     text = f"`{metric}`: of each run the mean of the evaluations in the last tenth of its steps."
     return section("Final return", text, ["Task", "Method", "Seeds", "Steps", "Mean", "IQM"], rows)
 
 
-def curve_section(panels, labels, lines, metric, statistic):
+def curve_section(panels, labels, metric, statistic):
     """Values of the learning curves at parts of the steps that are drawn."""
     rows = []
     for panel in panels:
         for label in (label for label in labels if label in panel.lines):
-            line = lines[panel.title][label]
+            line = panel.lines[label]
             row = [panel.title, label]
             for part in PARTS:
                 # The last evaluation up to there.
@@ -80,7 +77,8 @@ def curve_section(panels, labels, lines, metric, statistic):
 
 
 def scale_section(scores, given):
-    rows = [[title, number(scale.low), number(scale.high)] for title, scale in scores.scales.items()]
+    scales = [(title, scores.scales[title]) for title in scores.titles]
+    rows = [[title, number(scale["low"]), number(scale["high"])] for title, scale in scales]
     text = f"Scores are (x - low) / (high - low); {given}."
     return section("Scale of the scores", text, ["Task", "Low", "High"], rows)
 

@@ -1,6 +1,6 @@
 //! `mamf compare`
 
-use super::{FAILED, Misuse, tell};
+use super::{FAILED, Misuse, number, tell};
 use crate::lab::comparison::{
     self, Comparison, ComparisonError, Estimate, Interval, Measured, Metric, Options, Overall,
     TaskComparison,
@@ -30,19 +30,23 @@ pub struct Args {
     /// percentage of B's value such as -5%
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
     at_least: Option<Margin>,
-    /// Hold the lower end of the interval to --at-least, not the mean difference
+    /// Hold the lower end of the interval to --at-least, not the mean difference; five pairs a task are needed
     #[arg(long, requires = "at_least")]
     confident: bool,
     /// Leave out runs without a partner
     #[arg(long)]
     paired_only: bool,
-    /// Resamplings of the bootstrap
+    /// Bootstrap resamplings for the intervals of P(A better)
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     repetitions: u32,
     /// Print the comparison as JSON
     #[arg(long)]
     json: bool,
 }
+
+/// Pairs of a task that `--confident` needs. With fewer, an interval is an assumption about the differences more than
+/// what they tell.
+const CONFIDENT_PAIRS: usize = 5;
 
 /// A threshold, of one task or of all.
 #[derive(Debug, Clone)]
@@ -184,10 +188,14 @@ impl Args {
             let measured = &task.final_value;
             let least = margin.of(measured.b);
             let (found, what) = if self.confident {
-                let interval = measured.difference.interval.ok_or_else(|| {
-                    let task = &task.task;
+                let interval = measured.difference.interval;
+                let enough = interval.filter(|_| task.seeds.len() >= CONFIDENT_PAIRS);
+                let interval = enough.ok_or_else(|| {
+                    let (task, n) = (&task.task, task.seeds.len());
+                    let plural = if n == 1 { "" } else { "s" };
                     Misuse(format!(
-                        "--confident: {task} has a single pair, and hence no interval; two seeds or more are needed"
+                        "--confident: {task} has {n} pair{plural}; {CONFIDENT_PAIRS} or more are needed, for of so few the interval \
+                        rests on what the differences are taken to be distributed like"
                     ))
                 })?;
                 (interval.low, "the interval of A - B begins at")
@@ -345,17 +353,6 @@ fn with_sign(value: f64, print: fn(f64) -> String) -> String {
 
 fn whole_number(value: f64) -> String {
     format!("{value:.0}")
-}
-
-/// Four digits or so.
-fn number(value: f64) -> String {
-    let decimals = match value.abs() {
-        size if size >= 1_000.0 || value == 0.0 => 0,
-        size if size >= 100.0 => 1,
-        size if size >= 1.0 => 2,
-        _ => 4,
-    };
-    format!("{value:.decimals$}")
 }
 
 #[cfg(test)]

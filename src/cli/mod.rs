@@ -1,12 +1,14 @@
 //! The command line: one file a subcommand.
 
 mod compare;
+mod curves;
 mod demo;
 mod envs;
 mod eval;
 mod progress;
 mod render;
 mod settings;
+mod signals;
 mod slurm;
 mod sweep;
 mod table;
@@ -56,6 +58,8 @@ enum Command {
     Sweep(sweep::Args),
     /// Compare two methods: runs paired by task and seed, differences with intervals
     Compare(compare::Args),
+    /// Final values of many runs, or with --json all that figures of their learning curves show
+    Curves(curves::Args),
     /// Evaluate the policy of a checkpoint
     Eval(eval::Args),
     /// Draw pictures and videos of a policy, a task or a recording
@@ -80,6 +84,7 @@ impl Cli {
             Command::Train(args) => train::run(&args),
             Command::Sweep(args) => sweep::run(&args),
             Command::Compare(args) => compare::run(&args),
+            Command::Curves(args) => curves::run(&args),
             Command::Eval(args) => eval::run(&args),
             Command::Render(args) => render::run(&args),
             Command::Envs(args) => envs::run(&args),
@@ -127,6 +132,17 @@ fn tell(message: &str) {
 /// Writes a line to standard output; nobody listening there is no reason to stop what is being made.
 fn say(text: &str) {
     let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+/// Four digits or so.
+fn number(value: f64) -> String {
+    let decimals = match value.abs() {
+        size if size >= 1_000.0 || value == 0.0 => 0,
+        size if size >= 100.0 => 1,
+        size if size >= 1.0 => 2,
+        _ => 4,
+    };
+    format!("{value:.decimals$}")
 }
 
 /// Tells the user of `error` and returns the code to end the process with.

@@ -2,15 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use rand::SeedableRng;
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::consts::SIGINT;
 
 use super::progress::bar;
-use super::{Misuse, say, tell};
+use super::{Misuse, say, signals, tell};
 use crate::agent::{Controller, Moment, RandomActions, Zero};
 use crate::core::parallel::with_threads;
 use crate::core::random::{Stream, stream};
@@ -114,12 +112,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let every = args.every.map(|every| every as usize);
     let mut playback = Playback::new(spec.dt, args.speed, every, format.ticks());
     // Before there is a file to leave behind.
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        // In this order: the first signal finds the flag unset and only sets it.
-        flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))?;
-        flag::register(signal, Arc::clone(&stop))?;
-    }
+    let stop = signals::stop()?;
     let mut encoder = render::create(&args.out, format, args.size, playback.interval())?;
 
     let limit = match (args.steps, format) {

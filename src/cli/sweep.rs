@@ -1,16 +1,13 @@
 //! `mamf sweep`
 
 use super::table::Table;
-use super::{FAILED, INTERRUPTED, Misuse, slurm, tell, whole};
+use super::{FAILED, INTERRUPTED, Misuse, signals, slurm, tell, whole};
 use crate::lab::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
 use crate::run::{LockError, RunDirectory, RunDirectoryError};
 use anyhow::Context;
-use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
-use signal_hook::flag;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -92,10 +89,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         // A second thread takes up half of an update at best; a third one nothing.
         threads: (cores / jobs).clamp(1, 2),
     };
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGUSR1] {
-        flag::register(signal, Arc::clone(&stop))?;
-    }
+    // The runs, which get an interrupt of the terminal too, end at a second one; the sweep follows them.
+    let stop = signals::stop_and_save(false)?;
     if args.task_index.is_some() && slurm_number("SLURM_RESTART_COUNT").is_some() {
         for run in &runs {
             wait_for_former(&plan.out.join(&run.name), &stop);

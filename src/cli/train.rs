@@ -1,16 +1,13 @@
 //! `mamf train`
 
 use super::progress::Progress;
-use super::{FAILED, INTERRUPTED, tell, whole};
+use super::{FAILED, INTERRUPTED, signals, tell, whole};
 use crate::config::{self, Overrides};
 use crate::run::{LockError, ReplayMemory, RunDirectory, RunDirectoryError};
 use crate::training::{self, Monitor, Outcome, ResumeOptions, Resumed, TrainError, Trainer};
-use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
-use signal_hook::flag;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// Arguments of `mamf train`.
@@ -47,7 +44,7 @@ pub struct Args {
 /// process at once.
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     // First, so that a signal that comes early is not lost.
-    let stop = stop_at_signals()?;
+    let stop = signals::stop_and_save(true)?;
     let mut overrides = Overrides::default();
     for set in &args.set {
         overrides.set(set)?;
@@ -84,21 +81,6 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         (None, None) => unreachable!("one of both is required"),
     };
     finish(trainer, &mut progress, &stop)
-}
-
-/// A flag that SIGINT, SIGTERM and SIGUSR1 set. A second SIGINT ends the process at once.
-fn stop_at_signals() -> std::io::Result<Arc<AtomicBool>> {
-    let (stop, interrupted) = (
-        Arc::new(AtomicBool::new(false)),
-        Arc::new(AtomicBool::new(false)),
-    );
-    // In this order: the first interrupt finds its flag unset and only sets it.
-    flag::register_conditional_shutdown(SIGINT, 128 + SIGINT, Arc::clone(&interrupted))?;
-    flag::register(SIGINT, interrupted)?;
-    for signal in [SIGINT, SIGTERM, SIGUSR1] {
-        flag::register(signal, Arc::clone(&stop))?;
-    }
-    Ok(stop)
 }
 
 fn begin(

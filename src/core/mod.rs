@@ -3,3 +3,4 @@
 pub mod files;
 pub mod parallel;
 pub mod random;
+pub mod table;

@@ -33,6 +33,23 @@ pub struct EvalRow {
     pub success_rate: Option<f64>,
 }
 
+impl EvalRow {
+    /// The first of its figures that is no finite number, and its column.
+    fn not_finite(&self) -> Option<(&'static str, f64)> {
+        let figures = [
+            self.return_mean,
+            self.return_std,
+            self.return_min,
+            self.return_max,
+            self.length_mean,
+            self.success_rate.unwrap_or_default(),
+        ];
+        let columns = EVAL[2..].iter().map(|column| column.name);
+        let mut named = columns.zip(figures);
+        named.find(|(_, figure)| !figure.is_finite())
+    }
+}
+
 /// Why a curve can't be read. Every message names the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -119,9 +136,8 @@ pub fn read_evaluations(path: &Path) -> Result<Vec<EvalRow>, CurveError> {
     for row in reader.deserialize() {
         let line = rows.len() as u64 + 2;
         let row: EvalRow = row.map_err(|error| wrong(line, reason_of(&error)))?;
-        if !row.return_mean.is_finite() {
-            let found = row.return_mean;
-            return Err(wrong(line, format!("return_mean {found} is not finite")));
+        if let Some((column, found)) = row.not_finite() {
+            return Err(wrong(line, format!("{column} {found} is not finite")));
         }
         if let Some(before) = rows.last().filter(|before| before.step >= row.step) {
             let (step, before) = (row.step, before.step);

@@ -41,6 +41,12 @@ fn json(place: &Place, arguments: &[&str]) -> Value {
     serde_json::from_str(&place.succeed(&all)).unwrap()
 }
 
+/// Both ends of the interval of a task's final values, to three digits behind the point.
+fn interval(task: &Value) -> [f64; 2] {
+    let interval = &task["final_value"]["difference"]["interval"];
+    ["low", "high"].map(|end| (1000.0 * interval[end].as_f64().unwrap()).round() / 1000.0)
+}
+
 #[test]
 fn figures_are_those_of_the_pairs() {
     let place = Place::new();
@@ -52,12 +58,9 @@ fn figures_are_those_of_the_pairs() {
     assert_eq!(t["final_value"]["a"], 7.0);
     assert_eq!(t["final_value"]["b"], 4.0);
     assert_eq!(t["final_value"]["difference"]["value"], 3.0);
-    // The differences are 2 and 4: so are the extremes of two resampled ones.
-    let interval = &t["final_value"]["difference"]["interval"];
-    assert_eq!(
-        (&interval["low"], &interval["high"]),
-        (&2.0.into(), &4.0.into())
-    );
+    // The differences are 2 and 4: 3 +- 12.706 x 1.
+    assert_eq!(interval(t), [-9.706, 15.706]);
+    assert_eq!(interval(u), [-6.853, 5.853]);
     assert_eq!(t["final_value"]["improvement"]["value"], 1.0);
     assert_eq!(t["final_value"]["won"], 2);
     // Trapezoids: A (2 + 5) / 2 and (1 + 5) / 2, B (0.5 + 2.5) / 2 and (2.5 + 4.5) / 2.
@@ -89,7 +92,7 @@ fn figures_are_those_of_the_pairs() {
     for part in [
         "A  x/*/a\nB  x/*/b\n",
         "T: 2 pairs (seeds 0, 5), 20 steps\n",
-        "+3.00  +2.00 to +4.00",
+        "+3.00  -9.71 to +15.71",
         "1.00 (1.00 to 1.00)   2 of 2",
         "1.50 is reached by 1 of 2 runs of A, 2 of 2 of B; the others count with all their steps\n",
         "all 2 tasks: 4 pairs",
@@ -121,18 +124,89 @@ fn the_exit_code_tells_whether_a_margin_holds() {
         said,
         "not met: U: A - B is -0.5000, at least -0.4750 is asked for\n"
     );
-    let (code, said) = compare(&["--at-least", "-0.5", "--confident"]);
-    assert_eq!(code, Some(1));
-    assert!(
-        said.contains("U: the interval of A - B begins at -1.00"),
-        "{said}"
-    );
-    assert_eq!(compare(&["--at-least", "-1", "--confident"]).0, Some(0));
     let compared = place.run(&["compare", "x/t/a", "x/t/b", "--json", "--at-least", "9"]);
     assert_eq!(compared.status.code(), Some(1));
     let compared: Value = serde_json::from_slice(&compared.stdout).unwrap();
     assert_eq!(compared["at_least_holds"], false);
     assert!(compared["all"].is_null());
+}
+
+#[test]
+fn confidence_needs_five_pairs() {
+    let place = Place::new();
+    // Differences 2, 3, 4, 3, 3: 3 +- 2.776 x 0.3162.
+    for (seed, difference) in (0..).zip([2.0, 3.0, 4.0, 3.0, 3.0]) {
+        for (side, last) in [("a", difference), ("b", 0.0)] {
+            let directory = format!("x/{side}/seed-{seed}");
+            run(&place, &directory, "T", seed, &[0.0, 0.0, last]);
+        }
+    }
+    let confident = ["--confident", "--at-least"];
+    let compare = |a: &str, b: &str, least: &str| {
+        let output = place.run(&[&["compare", a, b], &confident[..], &[least]].concat());
+        (output.status.code(), messages(&output))
+    };
+    assert_eq!(compare("x/a", "x/b", "2.12"), (Some(0), String::new()));
+    let (code, said) = compare("x/a", "x/b", "2.13");
+    assert_eq!(code, Some(1));
+    let expected = "not met: T: the interval of A - B begins at 2.12, at least 2.13 is asked for\n";
+    assert_eq!(said, expected);
+    place.refuse(
+        2,
+        &[
+            "compare",
+            "x/a/seed-[0-3]",
+            "x/b/seed-[0-3]",
+            "--confident",
+            "--at-least",
+            "0",
+        ],
+        &["--confident", "T has 4 pairs", "5 or more are needed"],
+    );
+}
+
+#[test]
+fn curves_of_many_runs_have_the_figures_of_their_runs() {
+    let place = Place::new();
+    two_sides(&place);
+    let found = place.succeed(&["curves", "x/t", "x/u/*", "--json"]);
+    let found: Value = serde_json::from_str(&found).unwrap();
+    let [t, u] = [&found["panels"][0], &found["panels"][1]];
+    assert_eq!([&t["title"], &u["title"]], ["T", "U"]);
+    let a = &t["lines"]["a"];
+    assert_eq!(a["seeds"], serde_json::json!([0, 5]));
+    assert_eq!(a["steps"], serde_json::json!([0, 10, 20]));
+    assert_eq!(
+        a["runs"],
+        serde_json::json!([[0.0, 4.0, 6.0], [0.0, 2.0, 8.0]])
+    );
+    assert_eq!(a["curve"][1]["value"], 3.0);
+    assert_eq!(
+        [&a["final_mean"]["value"], &a["final_iqm"]["value"]],
+        [7.0, 7.0]
+    );
+    let scores = &found["scores"];
+    assert_eq!(
+        scores["scales"]["T"],
+        serde_json::json!({"low": 0.0, "high": 7.0})
+    );
+    assert_eq!(
+        scores["scales"]["U"],
+        serde_json::json!({"low": -1.0, "high": 2.5})
+    );
+    // A scores 1 in the mean of T, (2 / 3.5 + 4 / 3.5) / 2 in U.
+    let mean = scores["methods"]["a"]["mean"]["value"].as_f64().unwrap();
+    assert!((mean - (1.0 + 3.0 / 3.5) / 2.0).abs() < 1e-12, "{mean}");
+    let over = |i: usize| &scores["improvements"][i];
+    assert_eq!([&over(0)["method"], &over(0)["over"]], ["a", "b"]);
+    // All of T; 1.5 of 4 of U, the other way round 2.5.
+    assert_eq!(over(0)["probability"]["value"], (1.0 + 1.5 / 4.0) / 2.0);
+    assert_eq!(over(1)["probability"]["value"], (0.0 + 2.5 / 4.0) / 2.0);
+
+    let table = place.succeed(&["curves", "x/*/*"]);
+    let row = "T     a           2     20        7.00  -5.71 to 19.71        7.00  -5.71 to 19.71";
+    assert!(table.contains(row), "`{row}` is not in:\n{table}");
+    place.refuse(2, &["curves", "none"], &["none: no such directory"]);
 }
 
 #[test]
@@ -155,7 +229,7 @@ fn a_single_pair_has_no_interval() {
     place.refuse(
         2,
         &with(&["--at-least", "2", "--confident"]),
-        &["--confident", "T", "single pair", "two seeds"],
+        &["--confident", "T has 1 pair;", "5 or more"],
     );
 }
 

@@ -42,9 +42,7 @@ fn write_rollout(directory: &Path, name: &str, env: &str, arrays: &Arrays) {
     let mut archive = zip::ZipWriter::new(file);
     for (array, shape, numbers) in arrays {
         let options = zip::write::SimpleFileOptions::default();
-        archive
-            .start_file(format!("{array}.npy"), options)
-            .unwrap();
+        archive.start_file(format!("{array}.npy"), options).unwrap();
         let mut writer = npyz::WriteOptions::new()
             .default_dtype()
             .shape(shape)

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub enum ComparisonError {
     /// A side names nothing.
     #[error(
-        "{0}: no such directory; a side is a run directory, a folder above some, or a quoted pattern of them, for example 'runs/comparison/*/mamf'"
+        "{0}: no such directory; a run directory is needed, a folder above some, or a quoted pattern of them, for example 'runs/comparison/*/mamf'"
     )]
     Missing(String),
     /// A side is no pattern.
@@ -73,12 +73,35 @@ pub enum ComparisonError {
     #[error("no two runs have the same task and seed: A has {}; B has {}", .0[0], .0[1])]
     NothingPairs([String; 2]),
     /// A run has no such figure.
-    #[error("{}: success_rate is empty: the task {task} does not know success; compare its return", path.display())]
+    #[error("{}: success_rate is empty: the task {task} does not know success; choose another --metric", path.display())]
     NoSuccess {
         /// Its curve.
         path: PathBuf,
         /// Its task.
         task: String,
+    },
+    /// A run of a line has the seed of another one.
+    #[error("{}: {line} a second time, after {}; leave one of them out", run.display(), other.display())]
+    Again {
+        /// The run.
+        run: PathBuf,
+        /// Seed, line and task.
+        line: String,
+        /// The other run.
+        other: PathBuf,
+    },
+    /// Runs of a line are never evaluated at the same step.
+    #[error("{}: no evaluation at a step at which {} has one too", .0[0].display(), .0[1].display())]
+    NoCommonStep([PathBuf; 2]),
+    /// A file of scales does not have that of a panel.
+    #[error("{}: a line \"{title}\" = [low, high] with low < high is needed, found {found}", path.display())]
+    Scale {
+        /// The file.
+        path: PathBuf,
+        /// The panel.
+        title: String,
+        /// What is there.
+        found: String,
     },
     /// A threshold is for a task that is not compared.
     #[error("--threshold {threshold}: no such task is compared; compared are {tasks}")]
@@ -106,10 +129,38 @@ pub struct Run {
 pub struct Settings {
     task: String,
     doubled_actions: Option<DoubledActions>,
+    evaluation: Option<Evaluations>,
     /// Seed of the run.
     pub seed: u64,
     /// Environment steps that it is to take.
     pub steps: u64,
+}
+
+/// When a run is evaluated.
+#[derive(Debug, Clone, Deserialize)]
+struct Evaluations {
+    every: Option<u64>,
+}
+
+impl Settings {
+    /// Id of the task.
+    pub(super) fn task(&self) -> &str {
+        &self.task
+    }
+
+    /// Steps after which the halves of doubled actions change places, where they are doubled.
+    pub(super) fn period(&self) -> Option<usize> {
+        self.doubled_actions.as_ref().map(|doubled| doubled.period)
+    }
+
+    /// Steps between two evaluations; one where it is not said.
+    pub(super) fn evaluated_every(&self) -> u64 {
+        let every = self
+            .evaluation
+            .as_ref()
+            .and_then(|evaluation| evaluation.every);
+        every.unwrap_or(1).max(1)
+    }
 }
 
 impl Run {
@@ -132,9 +183,9 @@ impl Run {
     /// Its task in words; what changes the task is part of it.
     pub fn task(&self) -> String {
         let task = &self.settings.task;
-        match &self.settings.doubled_actions {
+        match self.settings.period() {
             None => task.clone(),
-            Some(doubled) => format!("{task} with doubled actions, period {}", doubled.period),
+            Some(period) => format!("{task} with doubled actions, period {period}"),
         }
     }
 
@@ -142,6 +193,22 @@ impl Run {
     pub fn last_step(&self) -> u64 {
         self.curve.last().map_or(0, |row| row.step)
     }
+}
+
+/// The runs that any of `patterns` names, each once.
+///
+/// # Errors
+/// As [`find`].
+pub fn find_all(patterns: &[String]) -> Result<Vec<Run>, ComparisonError> {
+    let mut found = BTreeMap::new();
+    for pattern in patterns {
+        for run in find(pattern)? {
+            let place = run.directory.canonicalize();
+            let place = place.map_err(unreadable(run.directory.clone()))?;
+            found.entry(place).or_insert(run);
+        }
+    }
+    Ok(found.into_values().collect())
 }
 
 /// The runs that `side` names, a directory or a pattern of directories, and those below.
@@ -195,7 +262,7 @@ fn descend(directory: &Path, runs: &mut Vec<PathBuf>) -> Result<(), ComparisonEr
     Ok(())
 }
 
-fn unreadable(path: PathBuf) -> impl FnOnce(io::Error) -> ComparisonError {
+pub(super) fn unreadable(path: PathBuf) -> impl FnOnce(io::Error) -> ComparisonError {
     |error| ComparisonError::Unreadable { path, error }
 }
 

@@ -2,7 +2,7 @@
 
 use super::measure::{Metric, Points, final_value, mean_height, steps_to};
 use super::pairing::{ComparisonError, Pair, Pairs, Run};
-use super::statistics::{Both, Estimate, bootstrap, difference, improvement};
+use super::statistics::{Estimate, average, bootstrap, improvement, mean};
 use crate::run::EvalRow;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ pub struct Options {
     pub threshold: Option<f64>,
     /// Thresholds by task.
     pub thresholds: BTreeMap<String, f64>,
-    /// Resamplings of the bootstrap.
+    /// Resamplings for the intervals of probabilities.
     pub repetitions: usize,
 }
 
@@ -81,6 +81,13 @@ pub struct Comparison {
     pub all: Option<Overall>,
     /// What a reader should know, in words.
     pub notes: Vec<String>,
+}
+
+/// One figure of both runs of a pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Both {
+    a: f64,
+    b: f64,
 }
 
 /// The curves of a pair.
@@ -232,10 +239,27 @@ fn measured(pairs: &[Both], repetitions: usize, fewer_is_better: bool) -> Measur
     Measured {
         a,
         b,
-        difference: bootstrap(&[pairs.to_vec()], difference, repetitions),
-        improvement: bootstrap(&[better.to_vec()], improvement, repetitions),
+        difference: difference(&[pairs.to_vec()]),
+        improvement: probability(&[better.to_vec()], repetitions),
         won: better.iter().filter(|pair| pair.a > pair.b).count(),
     }
+}
+
+/// Mean over tasks of the mean difference A - B of each task's pairs.
+fn difference(tasks: &[Vec<Both>]) -> Estimate {
+    let of_task = |pairs: &Vec<Both>| pairs.iter().map(|pair| pair.a - pair.b).collect();
+    mean(&tasks.iter().map(of_task).collect::<Vec<_>>())
+}
+
+/// Mean over tasks of the probability that a run of A has more than one of B. A pair is drawn as a whole, for its runs share a
+/// seed.
+fn probability(tasks: &[Vec<Both>], repetitions: usize) -> Estimate {
+    let of_task = |pairs: &Vec<Both>| {
+        let side = |of: fn(&Both) -> f64| pairs.iter().map(of).collect::<Vec<_>>();
+        improvement(&side(|pair| pair.a), &side(|pair| pair.b))
+    };
+    let of_all = |tasks: &[Vec<Both>]| average(&tasks.iter().map(of_task).collect::<Vec<_>>());
+    bootstrap(tasks, of_all, repetitions)
 }
 
 /// All tasks together; nothing for a single one.
@@ -264,8 +288,8 @@ fn overall(tasks: &[Task], repetitions: usize, notes: &mut Vec<String>) -> Optio
     let heights = scaled(|task| &task.heights);
     Some(Overall {
         pairs: finals.iter().map(Vec::len).sum(),
-        final_value: bootstrap(&finals, difference, repetitions),
-        area: bootstrap(&heights, difference, repetitions),
-        improvement: bootstrap(&finals, improvement, repetitions),
+        final_value: difference(&finals),
+        area: difference(&heights),
+        improvement: probability(&finals, repetitions),
     })
 }

@@ -5,9 +5,9 @@ use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use npyz::WriterBuilder;
+use serde_json::{Map, Value, json};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
-use serde_json::{Map, Value, json};
 
 use super::archive::{Archive, member_of};
 use super::read::Settings;
