@@ -1,7 +1,7 @@
 //! The directory of a run.
 
 use super::lock::{LOCK, LockError, RunLock};
-use super::schema::CURVES;
+use super::schema::{CONFIG_TOML, CURVES, RUN_JSON};
 use crate::config::Config;
 use crate::core::files::{FileError, Files, parent};
 use std::ffi::OsStr;
@@ -75,8 +75,8 @@ fn is_vacant(path: &Path) -> std::io::Result<bool> {
 
 /// Whether a run was begun in the directory `path`.
 fn is_run(path: &Path) -> bool {
-    let config = path.join("config.toml").is_file();
-    config && (path.join("run.json").is_file() || path.join("checkpoints").is_dir())
+    let config = path.join(CONFIG_TOML).is_file();
+    config && (path.join(RUN_JSON).is_file() || path.join("checkpoints").is_dir())
 }
 
 /// Makes the directory `path`, and waits until its name and those of the new ones above it outlive a loss of power.
@@ -170,7 +170,7 @@ impl RunDirectory {
         if path.join("manifest.json").exists() || path.join("weights.safetensors").exists() {
             return Err(RunDirectoryError::IsACheckpoint(path.to_owned()));
         }
-        if !path.join("config.toml").is_file() || !path.join("checkpoints").is_dir() {
+        if !path.join(CONFIG_TOML).is_file() || !path.join("checkpoints").is_dir() {
             return Err(RunDirectoryError::NoRun(path.to_owned()));
         }
         Ok(RunDirectory {
@@ -225,7 +225,7 @@ impl RunDirectory {
 
     /// The configuration, resolved.
     pub fn config(&self) -> PathBuf {
-        self.path.join("config.toml")
+        self.path.join(CONFIG_TOML)
     }
 
     /// Where checkpoints are.

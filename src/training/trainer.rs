@@ -152,8 +152,7 @@ impl Trainer {
         while self.step < steps {
             let round = self.next_round();
             let random = round.after <= random_steps;
-            let taking = (round.after - round.before) as usize;
-            self.collect(&mut controllers[..taking], monitor)?;
+            self.collect(&mut controllers, monitor)?;
             let scaling = &self.config.scaling;
             let rescaled = scaling.enabled && round.is_due(scaling.every);
             if rescaled {
@@ -194,18 +193,11 @@ impl Trainer {
         Ok(Outcome::Finished)
     }
 
-    /// A step of each environment, or of as many as are left of the run or of phase 1, whose end no round crosses.
+    /// A step of each environment. The run and phase 1 consist of whole rounds (`config::validate`).
     fn next_round(&self) -> Round {
-        let (before, end) = (self.step, self.config.steps);
-        let phase_1 = self.config.random_steps;
-        let end = if before < phase_1 {
-            end.min(phase_1)
-        } else {
-            end
-        };
         Round {
-            before,
-            after: end.min(before + self.config.environments as u64),
+            before: self.step,
+            after: self.step + self.config.environments as u64,
         }
     }
 

@@ -1,19 +1,12 @@
 //! `mamf train` and `mamf eval`, end to end.
 
 use crate::common::{Place, config, messages, small_run, stderr};
+use mamf::run::schema::{EVAL, TIMING, TRAIN, names};
 use safetensors::tensor::{Dtype, SafeTensors};
 use std::collections::BTreeMap;
 use std::fs;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-
-const EVAL_HEADER: &str =
-    "step,episodes,return_mean,return_std,return_min,return_max,length_mean,success_rate";
-const TRAIN_HEADER: &str = "step,episodes,return_mean,length_mean,diverged,updates,critic_loss,\
-    actor_loss,q_mean,model_loss,model_error,eta,target_kept,uncertainty_kept,kept,temperature,entropy,\
-    q_bias,kept_state_error,kept_reward_error,kept_target_error,dropped_state_error,\
-    dropped_reward_error,dropped_target_error";
-const TIMING_HEADER: &str = "step,seconds,steps_per_second,environment_seconds,update_seconds,evaluation_seconds,checkpoint_seconds";
 
 // ---------------------------------------------------------------------------------------------
 // Sameness
@@ -44,6 +37,38 @@ fn a_seed_gives_the_same_bytes_with_any_number_of_threads() {
             assert_eq!(once, curves_of(name, 3, 0, &[method]), "{name} {method}");
         }
     }
+}
+
+#[test]
+fn several_environments_too_give_the_same_bytes_with_any_number_of_threads() {
+    for settings in [
+        &["environments=4", "exploration.spread=[0.05, 0.4]"][..],
+        &["environments=5", "updates.every=3", "method=td3"],
+        &["environments=8", "updates.every=20", "method=mamf-sac"],
+    ] {
+        let once = curves_of("hopper", 1, 0, settings);
+        assert_eq!(once, curves_of("hopper", 2, 0, settings), "{settings:?}");
+        assert_eq!(once, curves_of("hopper", 3, 0, settings), "{settings:?}");
+    }
+}
+
+#[test]
+fn learning_that_follows_every_few_steps_makes_that_many_updates() {
+    let updates = |settings: &[&str]| -> u64 {
+        let [train, _] = curves_of("hopper", 2, 0, settings);
+        let column = names(&TRAIN).iter().position(|name| *name == "updates");
+        let fields = train
+            .lines()
+            .skip(1)
+            .map(|row| row.split(',').nth(column.unwrap()).unwrap());
+        fields.map(|field| field.parse::<u64>().unwrap()).sum()
+    };
+    // 200 steps of phase 2.
+    assert_eq!(updates(&[]), 200);
+    assert_eq!(updates(&["updates.every=7"]), 400 / 7 - 200 / 7);
+    assert_eq!(updates(&["updates.every=8", "environments=4"]), 25);
+    assert_eq!(updates(&["updates.every=2", "environments=8"]), 100);
+    assert_eq!(updates(&["updates.every=4", "critic_updates=3"]), 150);
 }
 
 #[test]
@@ -132,13 +157,13 @@ fn a_run_directory_holds_what_it_should() {
     assert_eq!(files, expected);
 
     for (file, header, first_step) in [
-        ("eval.csv", EVAL_HEADER, 0),
-        ("train.csv", TRAIN_HEADER, 100),
-        ("timing.csv", TIMING_HEADER, 100),
+        ("eval.csv", names(&EVAL).join(","), 0),
+        ("train.csv", names(&TRAIN).join(","), 100),
+        ("timing.csv", names(&TIMING).join(","), 100),
     ] {
         let text = place.read(&format!("run/{file}"));
         let mut lines = text.lines();
-        assert_eq!(lines.next(), Some(header), "{file}");
+        assert_eq!(lines.next(), Some(header.as_str()), "{file}");
         let steps: Vec<u64> = lines
             .map(|line| line.split(',').next().unwrap().parse().unwrap())
             .collect();

@@ -140,3 +140,44 @@ fn every_task_is_listed_with_its_sizes() {
         assert!((dt - spec.dt).abs() < 1e-9, "{id}");
     }
 }
+
+/// The tables of the columns of all curves, as `docs/runs.md` holds them.
+fn columns() -> String {
+    use mamf::run::schema::{Column, EVAL, EVAL_CSV, Of, TIMING, TIMING_CSV, TRAIN, TRAIN_CSV};
+    let table = |file: &str, columns: &[Column]| {
+        let mut text = format!("**`{file}`**\n\n| Column | Meaning |\n|---|---|\n");
+        for Column { name, of, doc } in columns {
+            let mean = if *of == Of::Mean {
+                "mean since the row before: "
+            } else {
+                ""
+            };
+            text += &format!("| `{name}` | {mean}{doc} |\n");
+        }
+        text
+    };
+    [
+        table(EVAL_CSV, &EVAL),
+        table(TRAIN_CSV, &TRAIN),
+        table(TIMING_CSV, &TIMING),
+    ]
+    .join("\n")
+}
+
+#[test]
+fn every_column_is_documented_as_the_program_knows_it() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/runs.md");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let begin = "<!-- columns, from src/run/schema.rs -->\n";
+    let (before, rest) = page.split_once(begin).unwrap();
+    let (found, after) = rest.split_once("<!-- end -->").unwrap();
+    let wanted = columns();
+    if std::env::var_os("MAMF_WRITE_DOCS").is_some() {
+        std::fs::write(&path, format!("{before}{begin}{wanted}<!-- end -->{after}")).unwrap();
+        return;
+    }
+    assert_eq!(
+        found, wanted,
+        "docs/runs.md; MAMF_WRITE_DOCS=1 cargo test --release --test product every_column writes it"
+    );
+}

@@ -111,6 +111,7 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
             "walker2d",
             &["compute.backend=ndarray", "telemetry.states=0"],
         ),
+        ("hopper", &["updates.every=4", "method=td3"]),
     ] {
         let place = Place::new();
         let settings = [&TINY[..], settings].concat();
@@ -121,6 +122,58 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
         assert_eq!(place.run(&begin).status.code(), Some(0));
         for steps in ["101", "150"] {
             let arguments = ["train", "--resume", "parts", "--steps", steps];
+            let output = place.run(&arguments);
+            assert_eq!(output.status.code(), Some(0), "{output:?}");
+        }
+        assert_same(&place, "whole", "parts", &settings.join(" "));
+    }
+}
+
+#[test]
+fn a_resumed_run_of_several_environments_is_the_uninterrupted_one() {
+    let recording = concat!(
+        "demonstrations.path=",
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/fixtures/rollouts/PenSpin.npz"
+    );
+    const TINY: [&str; 6] = [
+        "steps=168",
+        "random_steps=72",
+        "model_start=40",
+        "evaluation.every=50",
+        "evaluation.episodes=1",
+        "checkpoint.every=35",
+    ];
+    for (config, settings) in [
+        ("hopper", &["environments=2"][..]),
+        (
+            "half_cheetah",
+            &["environments=4", "exploration.spread=[0.05, 0.4]"],
+        ),
+        ("reacher", &["environments=12", "updates.every=5"]),
+        (
+            "pen_spin",
+            &["environments=2", "updates.every=3", recording],
+        ),
+        ("ant", &["environments=3", "replay.capacity=50"]),
+    ] {
+        let place = Place::new();
+        let settings = [&TINY[..], settings].concat();
+        let whole = place.run(&small_run(config, "whole", &settings));
+        assert_eq!(whole.status.code(), Some(0), "{whole:?}");
+        let mut begin = small_run(config, "parts", &settings);
+        begin.extend(["--steps", "60"].map(Into::into));
+        assert_eq!(place.run(&begin).status.code(), Some(0));
+        for (steps, threads) in [("72", "1"), ("108", "2"), ("168", "3")] {
+            let arguments = [
+                "train",
+                "--resume",
+                "parts",
+                "--steps",
+                steps,
+                "--threads",
+                threads,
+            ];
             let output = place.run(&arguments);
             assert_eq!(output.status.code(), Some(0), "{output:?}");
         }

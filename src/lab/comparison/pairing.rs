@@ -1,6 +1,7 @@
 //! Runs of two sides, paired by task and seed.
 
 use crate::config::DoubledActions;
+use crate::run::schema::{CONFIG_TOML, EVAL_CSV};
 use crate::run::{CurveError, EvalRow, read_evaluations};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -166,13 +167,13 @@ impl Settings {
 impl Run {
     /// Reads the run in `directory`.
     fn read(directory: &Path) -> Result<Run, ComparisonError> {
-        let path = directory.join("config.toml");
+        let path = directory.join(CONFIG_TOML);
         let text = fs::read_to_string(&path).map_err(unreadable(path.clone()))?;
         let settings = toml::from_str(&text).map_err(|error| ComparisonError::Settings {
             path,
             error: Box::new(error),
         })?;
-        let curve = read_evaluations(&directory.join("eval.csv"));
+        let curve = read_evaluations(&directory.join(EVAL_CSV));
         Ok(Run {
             directory: directory.to_owned(),
             settings,
@@ -247,7 +248,7 @@ pub fn find(side: &str) -> Result<Vec<Run>, ComparisonError> {
 
 /// Adds the run in `directory`, or all runs below.
 fn descend(directory: &Path, runs: &mut Vec<PathBuf>) -> Result<(), ComparisonError> {
-    if directory.join("eval.csv").is_file() {
+    if directory.join(EVAL_CSV).is_file() {
         runs.push(directory.to_owned());
         return Ok(());
     }

@@ -3,6 +3,7 @@
 use super::measure::Points;
 use super::pairing::{ComparisonError, Run};
 use crate::run::EvalRow;
+use crate::run::schema::EVAL_CSV;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -185,7 +186,7 @@ fn drawn(run: Run, label: String, column: EvalColumn) -> Result<Drawn, Compariso
     let curve: Option<Vec<_>> = run.curve.iter().map(point).collect();
     let Some(curve) = curve else {
         return Err(ComparisonError::NoSuccess {
-            path: run.directory.join("eval.csv"),
+            path: run.directory.join(EVAL_CSV),
             task: run.task(),
         });
     };

@@ -4,6 +4,7 @@ use super::measure::{Metric, Points, final_value, mean_height, steps_to};
 use super::pairing::{ComparisonError, Pair, Pairs, Run};
 use super::statistics::{Estimate, average, bootstrap, improvement, mean};
 use crate::run::EvalRow;
+use crate::run::schema::EVAL_CSV;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -222,7 +223,7 @@ fn points(run: &Run, metric: Metric) -> Result<Vec<(u64, f64)>, ComparisonError>
     let points = run.curve.iter().map(|row| Some((row.step, value(row)?)));
     let points: Option<Vec<_>> = points.collect();
     points.ok_or_else(|| ComparisonError::NoSuccess {
-        path: run.directory.join("eval.csv"),
+        path: run.directory.join(EVAL_CSV),
         task: run.task(),
     })
 }

@@ -4,6 +4,7 @@ use super::curves::{CurveOptions, at, common_steps, final_return, lacking, short
 use super::pairing::{ComparisonError, unreadable};
 use super::panels::{Drawn, Panel, intended_end};
 use super::statistics::{Estimate, average, bootstrap, improvement, iqm, mean, median};
+use crate::run::schema::EVAL_CSV;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -108,7 +109,7 @@ fn measured_scale(panel: &Panel) -> Result<Scale, String> {
     if let Some(run) = panel.runs().find(|run| run.curve[0].0 != 0) {
         return Err(format!(
             "{}, line 2: no evaluation at step 0, from which scores are counted; --reference gives what they are counted from",
-            run.directory.join("eval.csv").display()
+            run.directory.join(EVAL_CSV).display()
         ));
     }
     let untrained: Vec<f64> = panel.runs().map(|run| run.curve[0].1).collect();

@@ -2,6 +2,7 @@
 
 use crate::config::{self, Config, Overrides};
 use crate::run::last_row;
+use crate::run::schema::{CONFIG_TOML, Column, EVAL, EVAL_CSV, TIMING, TIMING_CSV, index};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -32,7 +33,7 @@ pub struct Progress {
 impl Standing {
     /// Of the run in `directory` that should have the settings `planned`.
     pub fn of(directory: &Path, planned: &Config) -> Standing {
-        let path = directory.join("config.toml");
+        let path = directory.join(CONFIG_TOML);
         if !path.exists() {
             return Standing::Absent;
         }
@@ -78,12 +79,14 @@ impl Progress {
     /// Of the run in `directory`; nothing where it has not begun.
     pub fn of(directory: &Path) -> Progress {
         let last = |file: &str| last_row(&directory.join(file)).unwrap_or_default();
-        let (eval, timing) = (last("eval.csv"), last("timing.csv"));
-        let number = |row: &[String], column: usize| row.get(column)?.parse().ok();
+        let (eval, timing) = (last(EVAL_CSV), last(TIMING_CSV));
+        let number = |row: &[String], columns: &[Column], name: &str| -> Option<f64> {
+            row.get(index(columns, name)?)?.parse().ok()
+        };
         Progress {
-            step: number(&eval, 0).unwrap_or(0.0) as u64,
-            return_mean: number(&eval, 2),
-            steps_per_second: number(&timing, 2),
+            step: number(&eval, &EVAL, "step").unwrap_or(0.0) as u64,
+            return_mean: number(&eval, &EVAL, "return_mean"),
+            steps_per_second: number(&timing, &TIMING, "steps_per_second"),
         }
     }
 }

@@ -10,6 +10,7 @@ mod store;
 pub(crate) use store::{recover, set_aside, stand, standing, write};
 
 use super::manifest::{MANIFEST, Manifest};
+use super::schema::CONFIG_TOML as CONFIG;
 use crate::config::{self, Config, ConfigError, Overrides};
 use crate::core::files::FileError;
 use crate::nn::{ObservationScaling, WeightError, Weights};
@@ -26,7 +27,6 @@ const MOST_CHANGES: usize = 20;
 /// Time for a run to put its new checkpoint in place.
 const PAUSE: Duration = Duration::from_millis(20);
 
-const CONFIG: &str = "config.toml";
 const STATE: &str = "checkpoint.json";
 
 /// A loaded checkpoint.
