@@ -14,3 +14,8 @@ pub mod replay;
 pub mod run;
 pub mod task;
 pub mod training;
+
+/// The examples of the page on extending, as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/extending.md")]
+struct Extending;

@@ -22,4 +22,5 @@ pub use registry::{
     rules,
 };
 pub use scene::Scene;
-pub use task::{Block, Info, Recorded, Velocity};
+pub use simulation::Simulation;
+pub use task::{Block, Command, Info, Recorded, Task, Velocity, block};

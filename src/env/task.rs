@@ -19,7 +19,7 @@ pub struct Block {
 }
 
 /// A [`Block`] of `len` numbers.
-pub(super) const fn block(len: usize, what: &'static str) -> Block {
+pub const fn block(len: usize, what: &'static str) -> Block {
     Block {
         len,
         what,

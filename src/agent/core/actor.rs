@@ -10,7 +10,7 @@ use burn::tensor::Device;
 
 /// Rows on which an actor takes a step.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ActorBatch<'a> {
+pub struct ActorBatch<'a> {
     /// Number of rows.
     pub rows: usize,
     /// What actor and critics see, `[n, width]`.
@@ -23,7 +23,7 @@ pub(super) struct ActorBatch<'a> {
 
 /// The next action that a target is computed with.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct NextOutput {
+pub struct NextOutput {
     /// The policy's output `u`, `[n, action_size]`, not yet coupled.
     pub output: Vec<f32>,
     /// What is added to its value for the policy's entropy, `[n]`; nothing for deterministic policies.
@@ -31,7 +31,7 @@ pub(super) struct NextOutput {
 }
 
 /// An actor with its target, if it has one, and its optimiser.
-pub(super) trait Actor: Send + Sync {
+pub trait Actor: Send + Sync {
     /// The policy's deterministic output `u` for what it observes, row by row.
     fn output(&self, observed: &[f32]) -> Vec<f32>;
 

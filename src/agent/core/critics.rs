@@ -11,7 +11,7 @@ use crate::replay::Batch;
 use burn::tensor::Device;
 
 /// One or two critics, each with its target.
-pub(super) struct Critics {
+pub struct Critics {
     networks: Vec<TrainableNetwork>,
     targets: Vec<Mlp>,
 }
@@ -37,7 +37,7 @@ pub struct CriticRows {
 }
 
 /// What a step of the critics tells.
-pub(super) struct Stepped {
+pub struct Stepped {
     /// Loss of each critic before its step.
     pub losses: Vec<f32>,
     /// Largest absolute error of the critics before their step on each real row.

@@ -5,7 +5,8 @@ mod critics;
 mod deterministic;
 mod gaussian;
 
-pub use critics::{CriticRows, Values};
+pub use actor::{Actor, ActorBatch, NextOutput};
+pub use critics::{CriticRows, Critics, Stepped, Values};
 pub(super) use gaussian::sample_in_place;
 
 use super::{AgentSettings, Metrics, Sample, Update};
@@ -14,9 +15,7 @@ use crate::core::random::Stream;
 use crate::nn::{
     LearningState, Mlp, ObservationScaling, WeightError, Weights, rows_of, side_by_side,
 };
-use actor::{Actor, ActorBatch};
 use burn::tensor::Device;
-use critics::Critics;
 use std::ops::Range;
 
 /// An actor, its critics and their target networks: TD3, DDPG or SAC.
@@ -52,10 +51,23 @@ impl ActorCritic {
         device: &Device,
     ) -> ActorCritic {
         let actor = Mlp::new(&settings.actor(obs_size, action_size), rng);
+        let actor = actor::fresh(&settings, actor, device);
+        ActorCritic::with_actor(settings, obs_size, action_size, actor, rng, device)
+    }
+
+    /// The same around an actor of one's own.
+    pub fn with_actor(
+        settings: AgentSettings,
+        obs_size: usize,
+        action_size: usize,
+        actor: Box<dyn Actor>,
+        rng: &mut Stream,
+        device: &Device,
+    ) -> ActorCritic {
         let critic = settings.critic(obs_size, action_size);
         ActorCritic {
             critics: Critics::new(&settings, &critic, rng, device),
-            actor: actor::fresh(&settings, actor, device),
+            actor,
             settings,
             obs_size,
             action_size,
