@@ -136,7 +136,7 @@ fn no_wall_is_broken() {
 
 #[test]
 fn a_broken_wall_is_noticed_and_named() {
-    let source = "//! See crate::training.\nuse crate::{nn::Mlp, task::Spec};\nuse crate::task::Spec;\n\
+    let source = "//! See crate::training.\nuse crate::{nn::Mlp, env::Scene};\nuse crate::task::Spec;\n\
                   fn f() { crate::cli::run() }\n#[cfg(test)]\nmod tests { use crate::lab; }";
     assert_eq!(used(source), ["nn", "env", "task", "cli"]);
     assert_eq!(broken("agent", "nn"), None);
