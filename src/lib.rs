@@ -18,3 +18,4 @@ pub mod sweep;
 pub mod table;
 pub mod training;
 pub mod verification;
+pub mod walk;

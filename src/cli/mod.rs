@@ -5,12 +5,12 @@ mod curves;
 mod demo;
 mod envs;
 mod eval;
+mod live;
 mod progress;
 mod render;
 mod signals;
 mod slurm;
 mod sweep;
-mod table;
 mod train;
 mod verify;
 

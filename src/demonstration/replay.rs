@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use super::{Series, UnusableRecording, common_directory, name, tasks};
 use crate::env::{self, Recorded, Replay, Start, Step};
 use crate::recording::Recording;
-use crate::verification::{
-    Cell, Errors, NOTHING, add_all_but, check_columns, inertia, largest, number, row, table,
-};
+use crate::table::{Cell, NOTHING, Table};
+use crate::verification::{Errors, add_all_but, check_columns, inertia, largest, number, row};
 
 /// Error of positions (metres, radians) past which an open-loop replay has left the recording.
 pub const DRIFT: f64 = 1e-3;
@@ -364,7 +363,7 @@ pub fn tables(replayed: &[Replayed]) -> String {
         if of_task.len() > 1 {
             lines.push(all(&of_task));
         }
-        text += &format!("{task}\n{}", table(&lines, Vec::clone));
+        text += &format!("{task}\n{}", Table::of(&lines, &["recording"]));
         for recording in of_task {
             let name = name(&recording.path, &base);
             let touched = recording.steps.iter().filter(|step| step.touched);
