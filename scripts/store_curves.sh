@@ -17,7 +17,9 @@ from=${1%/} to=${2%/}
 [[ ! $from -ef $to ]] || fail "$to: the runs are there; name another folder"
 kept=(config.toml run.json train.csv eval.csv timing.csv)
 
-mapfile -t runs < <(cd "$from" && find . -name eval.csv -printf '%P\n' | sed 's|/*eval.csv$||' | sort)
+# Links are followed; one that leads round in a circle is an error, which find tells.
+found=$(cd "$from" && find -L . -name eval.csv -printf '%P\n') || fail "$from: can't be searched; nothing is copied"
+mapfile -t runs < <(sed '/^$/d; s|/*eval.csv$||' <<<"$found" | sort)
 ((${#runs[@]} > 0)) || fail "$from: no run there, that is, no directory that holds an eval.csv"
 for run in "${runs[@]}"; do
     for file in "${kept[@]}"; do

@@ -1,6 +1,7 @@
 //! `mamf compare`
 
 use super::{FAILED, Misuse, number, tell};
+use crate::core::table::{Column, Table};
 use crate::lab::comparison::{
     self, Comparison, ComparisonError, Estimate, Interval, Measured, Metric, Options, Overall,
     TaskComparison,
@@ -213,13 +214,18 @@ impl Args {
     }
 }
 
-/// Columns of the table: what, A, B, difference, interval, probability.
-fn row(cells: [&str; 7]) -> String {
-    let [what, a, b, difference, interval, improvement, won] = cells;
-    let line = format!(
-        "  {what:<22} {a:>9} {b:>9} {difference:>10}  {interval:<22}  {improvement:<20}  {won}"
-    );
-    line.trim_end().to_owned()
+/// A table of measures; all of them have the same widths, as far as numbers are of usual lengths.
+fn table(headings: [&str; 7]) -> Table {
+    let [what, a, b, difference, interval, improvement, won] = headings;
+    Table::new([
+        Column::words(what).at_least(24),
+        Column::numbers(a).at_least(8),
+        Column::numbers(b).at_least(8),
+        Column::numbers(difference).at_least(9),
+        Column::words(interval).at_least(22),
+        Column::words(improvement).at_least(20),
+        Column::words(won),
+    ])
 }
 
 fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
@@ -236,35 +242,27 @@ fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
             n => format!("{n} pairs (seeds {})", seeds.join(", ")),
         };
         writeln!(out, "\n{}: {count}, {} steps", task.task, task.steps)?;
-        writeln!(
-            out,
-            "{}",
-            row([
-                "",
-                "A",
-                "B",
-                "A - B",
-                "95 % interval",
-                "P(A better)",
-                "A better in"
-            ])
-        )?;
-        print_measured(&mut out, whole, &task.final_value, task, number)?;
-        print_measured(
-            &mut out,
-            &format!("mean {what} (area)"),
-            &task.area,
-            task,
-            number,
-        )?;
+        let mut table = table([
+            "",
+            "A",
+            "B",
+            "A - B",
+            "95 % interval",
+            "P(A better)",
+            "A better in",
+        ]);
         let threshold = number(task.threshold);
-        print_measured(
-            &mut out,
-            &format!("steps to {threshold}"),
+        let area = format!("mean {what} (area)");
+        let steps = format!("steps to {threshold}");
+        table.row(measured(whole, &task.final_value, task, number));
+        table.row(measured(&area, &task.area, task, number));
+        table.row(measured(
+            &steps,
             &task.steps_to_threshold,
             task,
             whole_number,
-        )?;
+        ));
+        write!(out, "{table}")?;
         let [a, b] = task.reached;
         let n = task.seeds.len();
         if a.min(b) < n {
@@ -287,24 +285,23 @@ fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
     Ok(())
 }
 
-fn print_measured(
-    out: &mut impl Write,
+/// The cells of a measure.
+fn measured(
     what: &str,
     measured: &Measured,
     task: &TaskComparison,
     print: fn(f64) -> String,
-) -> std::io::Result<()> {
+) -> [String; 7] {
     let signed = |value: f64| with_sign(value, print);
-    let line = row([
-        what,
-        &print(measured.a),
-        &print(measured.b),
-        &signed(measured.difference.value),
-        &interval(&measured.difference, signed),
-        &probability(&measured.improvement),
-        &format!("{} of {}", measured.won, task.seeds.len()),
-    ]);
-    writeln!(out, "{line}")
+    [
+        format!("  {what}"),
+        print(measured.a),
+        print(measured.b),
+        signed(measured.difference.value),
+        interval(&measured.difference, signed),
+        probability(&measured.improvement),
+        format!("{} of {}", measured.won, task.seeds.len()),
+    ]
 }
 
 fn print_overall(out: &mut impl Write, all: &Overall, tasks: usize) -> std::io::Result<()> {
@@ -313,18 +310,23 @@ fn print_overall(out: &mut impl Write, all: &Overall, tasks: usize) -> std::io::
         "\nall {tasks} tasks: {} pairs; differences in units of what the better side gained on the untrained policy",
         all.pairs
     )?;
+    let mut table = table([""; 7]);
     for (what, estimate, improvement) in [
-        ("final", &all.final_value, probability(&all.improvement)),
-        ("mean (area)", &all.area, String::new()),
+        ("  final", &all.final_value, probability(&all.improvement)),
+        ("  mean (area)", &all.area, String::new()),
     ] {
         let (difference, interval) = (signed(estimate.value), interval(estimate, signed));
-        writeln!(
-            out,
-            "{}",
-            row([what, "", "", &difference, &interval, &improvement, ""])
-        )?;
+        let empty = String::new;
+        table.row([
+            what.into(),
+            empty(),
+            empty(),
+            difference,
+            interval,
+            improvement,
+        ]);
     }
-    Ok(())
+    write!(out, "{table}")
 }
 
 fn interval(estimate: &Estimate, print: impl Fn(f64) -> String) -> String {

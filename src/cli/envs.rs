@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
+use crate::core::table::{Column, Table};
 use crate::env::{self, Info, Velocity};
 use crate::task::Spec;
 
@@ -28,25 +29,28 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 fn list(out: &mut impl Write) -> anyhow::Result<()> {
-    let width = env::ids().map(str::len).max().unwrap_or(0);
-    writeln!(
-        out,
-        "{:width$}  {:>5}  {:>6}  {:>6}  {:>5}  {:>6}",
-        "id", "obs", "action", "range", "steps", "dt"
-    )?;
+    let number = |heading, least| Column::numbers(heading).at_least(least);
+    let mut table = Table::new([
+        Column::words("id"),
+        number("obs", 5),
+        number("action", 6),
+        number("range", 6),
+        number("steps", 5),
+        number("dt", 6),
+    ]);
     for id in env::ids() {
         let (task, _) = env::make(id)?;
         let spec = task.spec();
-        writeln!(
-            out,
-            "{id:width$}  {:>5}  {:>6}  {:>6}  {:>5}  {:>6}",
-            spec.obs_size,
-            spec.action_size,
+        table.row([
+            id.to_owned(),
+            spec.obs_size.to_string(),
+            spec.action_size.to_string(),
             format!("+-{}", spec.action_limit),
-            spec.max_episode_steps,
-            seconds(spec.dt),
-        )?;
+            spec.max_episode_steps.to_string(),
+            seconds(spec.dt).to_string(),
+        ]);
     }
+    write!(out, "{table}")?;
     writeln!(
         out,
         "\nsteps: control steps until an episode is cut; dt: seconds of a control step."

@@ -3,6 +3,7 @@
 use super::{Episodes, Misuse};
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
+use crate::core::table::{Column, Table};
 use crate::env;
 use crate::run::Checkpoint;
 use crate::training::{Evaluation, Evaluator, saved_policy};
@@ -50,28 +51,26 @@ fn report(checkpoint: &Checkpoint, e: &Evaluation) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     let (task, method) = (&checkpoint.config.task, checkpoint.config.method.name());
     writeln!(out, "{task}, {method} after {} steps", checkpoint.step)?;
-    writeln!(out, "episodes  {}", e.episodes.len())?;
-    writeln!(
-        out,
-        "return    {:.2} +- {:.2}",
-        e.return_mean(),
-        e.return_std()
-    )?;
-    writeln!(
-        out,
-        "range     {:.2} to {:.2}",
-        e.return_min(),
-        e.return_max()
-    )?;
-    writeln!(out, "length    {:.1}", e.length_mean())?;
+    let mut table = Table::new([Column::words(""), Column::words("")]);
+    let mut row = |what: &str, text: String| table.row([what.to_owned(), text]);
+    row("episodes", e.episodes.len().to_string());
+    row(
+        "return",
+        format!("{:.2} +- {:.2}", e.return_mean(), e.return_std()),
+    );
+    row(
+        "range",
+        format!("{:.2} to {:.2}", e.return_min(), e.return_max()),
+    );
+    row("length", format!("{:.1}", e.length_mean()));
     if let Some(rate) = e.success_rate() {
-        writeln!(out, "success   {:.1} %", 100.0 * rate)?;
+        row("success", format!("{:.1} %", 100.0 * rate));
     }
     let diverged = e.episodes.iter().filter(|episode| episode.diverged).count();
     if diverged > 0 {
-        writeln!(out, "diverged  {diverged}")?;
+        row("diverged", diverged.to_string());
     }
-    Ok(())
+    write!(out, "{table}")
 }
 
 /// Creates the table of episodes, but never over an existing file.

@@ -5,13 +5,13 @@ mod curves;
 mod demo;
 mod envs;
 mod eval;
+mod live;
 mod progress;
 mod render;
 mod settings;
 mod signals;
 mod slurm;
 mod sweep;
-mod table;
 mod train;
 mod verify;
 

@@ -1,7 +1,8 @@
 //! `mamf sweep`
 
-use super::table::Table;
+use super::live::LiveTable;
 use super::{FAILED, INTERRUPTED, Misuse, signals, slurm, tell, whole};
+use crate::core::table::{Column, Table};
 use crate::lab::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
 use crate::run::{LockError, RunDirectory, RunDirectoryError};
 use anyhow::Context;
@@ -96,7 +97,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             wait_for_former(&plan.out.join(&run.name), &stop);
         }
     }
-    let mut table = Table::new(&runs);
+    let mut table = LiveTable::new(&runs);
     let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
     conclude(&outcomes, &plan)
@@ -187,7 +188,12 @@ impl Args {
 
 fn list(runs: &[PlannedRun], out: &Path) -> std::io::Result<()> {
     let mut stdout = std::io::stdout().lock();
-    let width = runs.iter().map(|run| run.name.len()).max().unwrap_or(0);
+    let mut table = Table::new([
+        Column::numbers("").at_least(4),
+        Column::words(""),
+        Column::numbers("").at_least(15),
+        Column::words(""),
+    ]);
     for run in runs {
         let standing = match Standing::of(&out.join(&run.name), &run.config) {
             Standing::Absent => "to be begun".to_owned(),
@@ -195,13 +201,10 @@ fn list(runs: &[PlannedRun], out: &Path) -> std::io::Result<()> {
             Standing::Finished => "finished".to_owned(),
             Standing::InTheWay(reason) => reason,
         };
-        let (index, name, steps) = (run.index, &run.name, run.config.steps);
-        writeln!(
-            stdout,
-            "{index:>4}  {name:width$}  {steps:>9} steps  {standing}"
-        )?;
+        let steps = format!("{} steps", run.config.steps);
+        table.row([run.index.to_string(), run.name.clone(), steps, standing]);
     }
-    Ok(())
+    write!(stdout, "{table}")
 }
 
 /// What became of the runs, in a line, and of each that failed.

@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let code = match verify::verify(&args.directory, args.task.as_deref()) {
         Ok(report) => print(&report)?,
-        Err(error @ (UnusableInput::Directory { .. } | UnusableInput::Empty { .. })) => {
+        Err(error @ (UnusableInput::Directory(_) | UnusableInput::Empty { .. })) => {
             super::tell(&format!("error: {error}"));
             UNUSABLE
         }

@@ -57,7 +57,6 @@ impl Files {
     }
 
     #[cfg(not(test))]
-    #[expect(clippy::unused_self, clippy::unnecessary_wraps)]
     fn begin(&self, _: &Path) -> Result<Extent, FileError> {
         Ok(Extent::Whole)
     }

@@ -4,3 +4,4 @@ pub mod files;
 pub mod parallel;
 pub mod random;
 pub mod table;
+pub mod walk;

@@ -2,8 +2,11 @@
 
 use std::fmt;
 
-/// What stands where there is no figure; a column of nothing else is left out.
+/// What stands where there is no figure; a column of nothing else is left out, unless it has a least width.
 pub const NOTHING: &str = "-";
+
+/// A cell under its heading.
+pub type Cell = (&'static str, String);
 
 /// A column: its heading, and on which side its cells stand.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,7 +34,7 @@ impl Column {
         }
     }
 
-    /// The column with room for so many characters at least, so that several tables stand in line.
+    /// The column with room for so many characters at least, so that several tables stand in line; it is never left out.
     #[must_use]
     pub fn at_least(self, least: usize) -> Column {
         Column { least, ..self }
@@ -54,6 +57,20 @@ impl Table {
         }
     }
 
+    /// A table with a line for each of `lines`, whose cells stand under their headings; every line has the same headings.
+    /// Columns headed by one of `words` hold words, the others numbers.
+    pub fn of(lines: &[Vec<Cell>], words: &[&str]) -> Table {
+        let column = |(heading, _): &Cell| match words.contains(heading) {
+            true => Column::words(*heading),
+            false => Column::numbers(*heading),
+        };
+        let mut table = Table::new(lines.iter().take(1).flatten().map(column));
+        for line in lines {
+            table.row(line.iter().map(|(_, cell)| cell.clone()));
+        }
+        table
+    }
+
     /// Appends a row, a cell for each column; columns that are left over stay empty.
     pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
         self.rows.push(cells.into_iter().collect());
@@ -71,7 +88,7 @@ impl fmt::Display for Table {
         let mut lines = vec![String::new(); self.rows.len() + usize::from(has_headings)];
         for (i, column) in self.columns.iter().enumerate() {
             let cells = || self.rows.iter().map(|row| Table::cell(row, i));
-            if !self.rows.is_empty() && cells().all(|cell| cell == NOTHING) {
+            if column.least == 0 && !self.rows.is_empty() && cells().all(|cell| cell == NOTHING) {
                 continue;
             }
             let heading = has_headings.then_some(column.heading.as_str());

@@ -1,7 +1,7 @@
 //! Finds recordings on disk.
 
+use crate::core::walk::{Walk, WalkError};
 use std::collections::BTreeSet;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -17,6 +17,9 @@ pub enum FindError {
         /// What the system says.
         source: io::Error,
     },
+    /// A directory cannot be searched.
+    #[error(transparent)]
+    Walk(#[from] WalkError),
     /// The pattern is malformed.
     #[error("`{pattern}` is not a pattern of paths: {source}")]
     Pattern {
@@ -84,43 +87,35 @@ fn matches(pattern: &str) -> Result<Vec<PathBuf>, FindError> {
 #[derive(Default)]
 struct Search {
     found: BTreeSet<PathBuf>,
-    /// Directories already searched, as the system names them: links may lead round in circles.
-    searched: BTreeSet<PathBuf>,
+    walk: Walk,
 }
 
 impl Search {
     fn add(&mut self, path: PathBuf) -> Result<(), FindError> {
-        if path.is_dir() {
-            return self.add_directory(&path);
+        if !path.is_dir() {
+            self.add_file(path);
+            return Ok(());
         }
+        for file in self.walk.files(&path, |_| true)? {
+            self.add_file(file);
+        }
+        Ok(())
+    }
+
+    fn add_file(&mut self, path: PathBuf) {
         // Of files only: reading a pipe would wait for ever. A link that leads nowhere is kept, to be
         // told of.
         let reads = path.is_file() || !path.exists();
         if path.extension().is_some_and(|e| e == "npz") && reads {
             self.found.insert(path);
         }
-        Ok(())
-    }
-
-    fn add_directory(&mut self, path: &Path) -> Result<(), FindError> {
-        let unreadable = |source| FindError::Directory {
-            path: path.to_owned(),
-            source,
-        };
-        let name = path.canonicalize().map_err(unreadable)?;
-        if !self.searched.insert(name) {
-            return Ok(());
-        }
-        for entry in fs::read_dir(path).map_err(unreadable)? {
-            self.add(entry.map_err(unreadable)?.path())?;
-        }
-        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     /// A directory with two recordings in `a`, one in `b`, none in `c`.
     fn tree() -> tempfile::TempDir {
@@ -169,9 +164,13 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn links_in_circles_end() {
+    fn links_in_circles_are_named() {
         let root = tree();
         std::os::unix::fs::symlink(root.path(), root.path().join("a/up")).unwrap();
-        assert_eq!(found(&root, "").unwrap().len(), 3);
+        let message = found(&root, "").unwrap_err().to_string();
+        assert!(
+            message.contains("a/up: this link leads back to"),
+            "{message}"
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! Runs of two sides, paired by task and seed.
 
 use crate::config::DoubledActions;
+use crate::core::walk::{Walk, WalkError};
 use crate::run::schema::{CONFIG_TOML, EVAL_CSV};
 use crate::run::{CurveError, EvalRow, read_evaluations};
 use serde::Deserialize;
@@ -37,6 +38,9 @@ pub enum ComparisonError {
         /// What the system said.
         error: io::Error,
     },
+    /// A directory can't be searched.
+    #[error(transparent)]
+    Walk(#[from] WalkError),
     /// The settings of a run are not what they should be.
     #[error("{}: {error}", path.display())]
     Settings {
@@ -218,8 +222,9 @@ pub fn find_all(patterns: &[String]) -> Result<Vec<Run>, ComparisonError> {
 /// When there is none, or one can't be read.
 pub fn find(side: &str) -> Result<Vec<Run>, ComparisonError> {
     let mut directories = Vec::new();
+    let mut walk = Walk::default();
     if Path::new(side).is_dir() {
-        descend(Path::new(side), &mut directories)?;
+        descend(&mut walk, Path::new(side), &mut directories)?;
     } else {
         let pattern = |error| ComparisonError::Pattern {
             pattern: side.to_owned(),
@@ -230,7 +235,7 @@ pub fn find(side: &str) -> Result<Vec<Run>, ComparisonError> {
             let found = found.map_err(|error| unreadable(error.path().to_owned())(error.into()))?;
             if found.is_dir() {
                 any = true;
-                descend(&found, &mut directories)?;
+                descend(&mut walk, &found, &mut directories)?;
             }
         }
         if !any {
@@ -240,26 +245,20 @@ pub fn find(side: &str) -> Result<Vec<Run>, ComparisonError> {
     if directories.is_empty() {
         return Err(ComparisonError::NoRun(side.to_owned()));
     }
-    // Patterns such as `runs/**` name a run several times.
     directories.sort();
-    directories.dedup();
     directories.iter().map(|run| Run::read(run)).collect()
 }
 
 /// Adds the run in `directory`, or all runs below.
-fn descend(directory: &Path, runs: &mut Vec<PathBuf>) -> Result<(), ComparisonError> {
-    if directory.join(EVAL_CSV).is_file() {
-        runs.push(directory.to_owned());
-        return Ok(());
-    }
-    let at = || unreadable(directory.to_owned());
-    for entry in fs::read_dir(directory).map_err(at())? {
-        let entry = entry.map_err(at())?;
-        // Links are not followed: they may lead back up.
-        if entry.file_type().map_err(at())?.is_dir() {
-            descend(&entry.path(), runs)?;
+fn descend(walk: &mut Walk, directory: &Path, runs: &mut Vec<PathBuf>) -> Result<(), WalkError> {
+    let enters = |directory: &Path| {
+        let is_run = directory.join(EVAL_CSV).is_file();
+        if is_run {
+            runs.push(directory.to_owned());
         }
-    }
+        !is_run
+    };
+    walk.files(directory, enters)?;
     Ok(())
 }
 

@@ -3,10 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::{UnusableRecording, common_directory, name, tasks};
+use crate::core::table::{Cell, NOTHING, Table};
 use crate::env;
 use crate::recordings::format::{Recording, Rows};
-use crate::recordings::verify::{Cell, NOTHING, table};
 use crate::recordings::{DemonstrationError, Demonstrations, Sizes};
+
+/// Columns of words.
+const WORDS: [&str; 4] = ["recording", "task", "demonstration", "source"];
 
 /// What a recording holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,7 +80,7 @@ fn column(rows: &Rows) -> impl Iterator<Item = f64> + '_ {
 /// A table with a line for each recording.
 pub fn descriptions(descriptions: &[Description]) -> String {
     let base = common_directory(descriptions.iter().map(|d| d.path.as_path()));
-    table(descriptions, |d| {
+    let line = |d: &Description| {
         let success = |(steps, last): (usize, bool)| {
             let end = if last { "in the last" } else { "lost" };
             match steps {
@@ -98,7 +101,9 @@ pub fn descriptions(descriptions: &[Description]) -> String {
             ("demonstration", usable(d)),
             ("source", d.source.clone().unwrap_or(NOTHING.to_owned())),
         ]
-    })
+    };
+    let lines: Vec<Vec<Cell>> = descriptions.iter().map(line).collect();
+    Table::of(&lines, &WORDS).to_string()
 }
 
 fn usable(description: &Description) -> String {
@@ -120,7 +125,8 @@ fn figure(value: Option<f64>) -> String {
 /// returns, how many end in success, and how many can be demonstrations.
 pub fn totals(descriptions: &[Description]) -> String {
     let tasks = tasks(descriptions, |d| &d.task);
-    table(&tasks, |task| total(task, descriptions))
+    let lines: Vec<Vec<Cell>> = tasks.iter().map(|task| total(task, descriptions)).collect();
+    Table::of(&lines, &WORDS).to_string()
 }
 
 fn total(task: &str, descriptions: &[Description]) -> Vec<Cell> {

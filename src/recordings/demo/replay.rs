@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::{Series, UnusableRecording, common_directory, name, tasks};
+use crate::core::table::{Cell, NOTHING, Table};
 use crate::env::{self, Inspect, Recorded};
 use crate::recordings::format::Recording;
 use crate::recordings::verify::{
-    Cell, Errors, NOTHING, add_all_but, check_columns, inertia, largest, number, row, table,
+    Errors, add_all_but, check_columns, inertia, largest, number, row,
 };
 use crate::task::{Start, Step};
 
@@ -365,7 +366,7 @@ pub fn tables(replayed: &[Replayed]) -> String {
         if of_task.len() > 1 {
             lines.push(all(&of_task));
         }
-        text += &format!("{task}\n{}", table(&lines, Vec::clone));
+        text += &format!("{task}\n{}", Table::of(&lines, &["recording"]));
         for recording in of_task {
             let name = name(&recording.path, &base);
             let touched = recording.steps.iter().filter(|step| step.touched);

@@ -8,16 +8,16 @@ mod error;
 mod replay;
 mod report;
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use crate::core::walk::{Walk, WalkError};
 use crate::recordings::format::Recording;
 
 pub use error::Errors;
 pub use replay::{Differences, ReplayError, Summary, replay};
 pub(crate) use replay::{add_all_but, check_columns, inertia, row};
 pub use report::tables;
-pub(crate) use report::{Cell, NOTHING, largest, number, table};
+pub(crate) use report::{largest, number};
 
 /// Largest absolute error of a task that reproduces its rollouts.
 pub const TOLERANCE: f64 = 1e-9;
@@ -48,14 +48,9 @@ impl Report {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnusableInput {
-    /// The directory cannot be read.
-    #[error("cannot read the directory {}: {source}", path.display())]
-    Directory {
-        /// The directory.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    /// The directory cannot be searched.
+    #[error(transparent)]
+    Directory(#[from] WalkError),
     /// There is no rollout, or none of the task asked for.
     #[error("no rollout{} in {}", task.as_ref().map(|t| format!(" of {t}")).unwrap_or_default(), path.display())]
     Empty {
@@ -73,14 +68,7 @@ pub enum UnusableInput {
 /// # Errors
 /// If the directory cannot be read or holds no rollout (of the task).
 pub fn verify(directory: &Path, task: Option<&str>) -> Result<Report, UnusableInput> {
-    let mut files = Vec::new();
-    collect(directory, &mut BTreeSet::new(), &mut files).map_err(|source| {
-        UnusableInput::Directory {
-            path: directory.to_owned(),
-            source,
-        }
-    })?;
-    files.sort();
+    let files = rollouts(directory)?;
 
     let mut report = Report::default();
     for file in &files {
@@ -110,29 +98,18 @@ pub fn verify(directory: &Path, task: Option<&str>) -> Result<Report, UnusableIn
     Ok(report)
 }
 
-/// Appends the `.npz` files in `directory` and below, and `.json` settings without one. Links may lead
-/// round in circles: a directory that was `searched` already is passed over.
-fn collect(
-    directory: &Path,
-    searched: &mut BTreeSet<PathBuf>,
-    files: &mut Vec<PathBuf>,
-) -> std::io::Result<()> {
-    if !searched.insert(directory.canonicalize()?) {
-        return Ok(());
-    }
-    for entry in std::fs::read_dir(directory)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            collect(&path, searched, files)?;
-            continue;
-        }
+/// The `.npz` files in `directory` and below, and `.json` settings without one.
+fn rollouts(directory: &Path) -> Result<Vec<PathBuf>, WalkError> {
+    let mut rollouts = Vec::new();
+    for path in Walk::default().files(directory, |_| true)? {
         let arrays = path.with_extension("npz");
         let is = |extension| path.extension().is_some_and(|e| e == extension);
         let orphan = is("json") && !arrays.exists() && Recording::settings(&arrays).is_ok();
         // Reading a pipe would wait for ever.
         if (is("npz") && path.is_file()) || orphan {
-            files.push(arrays);
+            rollouts.push(arrays);
         }
     }
-    Ok(())
+    rollouts.sort();
+    Ok(rollouts)
 }

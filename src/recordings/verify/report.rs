@@ -1,13 +1,12 @@
 //! The tables that `mamf verify` prints.
 
-use std::fmt::Write as _;
-
 use super::error::Errors;
 use super::replay::Summary;
+use crate::core::table::{Cell, NOTHING, Table};
 use crate::env::PenInertia;
 
-/// What stands where there is no figure; a column of nothing else is left out.
-pub(crate) const NOTHING: &str = "-";
+/// Columns of words.
+const WORDS: [&str; 2] = ["task", "verdict"];
 
 /// Two tables with one line for each task: the simulator against the recordings, and what rules say
 /// of observations against the simulator.
@@ -19,44 +18,14 @@ pub fn tables(summaries: &[Summary]) -> String {
             None => tasks.push(summary.clone()),
         }
     }
-    let simulator = table(&tasks, simulator_cells);
-    let rules = table(&tasks, rules_cells);
+    let table = |cells: fn(&Summary) -> Vec<Cell>| {
+        Table::of(&tasks.iter().map(cells).collect::<Vec<_>>(), &WORDS)
+    };
+    let (simulator, rules) = (table(simulator_cells), table(rules_cells));
     format!("Simulator, largest errors\n{simulator}\nRules on observations\n{rules}")
 }
 
-/// Columns of words; the others hold numbers.
-const WORDS: [&str; 5] = ["task", "verdict", "recording", "demonstration", "source"];
-
-/// A cell under its heading.
-pub(crate) type Cell = (&'static str, String);
-
-/// A line for each item, of the cells under their headings; every line has the same headings.
-pub(crate) fn table<T>(items: &[T], cells: impl Fn(&T) -> Vec<Cell>) -> String {
-    let lines: Vec<Vec<Cell>> = items.iter().map(cells).collect();
-    let columns = lines.first().map_or(0, Vec::len);
-    let mut text = vec![String::new(); lines.len() + 1];
-    for column in 0..columns {
-        if lines.iter().all(|line| line[column].1 == NOTHING) {
-            continue;
-        }
-        let heading = lines[0][column].0;
-        let gap = if column == 0 { "" } else { "  " };
-        let column = lines.iter().map(|line| line[column].1.as_str());
-        let cells: Vec<&str> = std::iter::once(heading).chain(column).collect();
-        let width = cells.iter().map(|cell| cell.len()).max().unwrap_or(0);
-        for (text, cell) in text.iter_mut().zip(cells) {
-            // Words to the left, numbers to the right.
-            let _ = match heading {
-                heading if WORDS.contains(&heading) => write!(text, "{gap}{cell:width$}"),
-                _ => write!(text, "{gap}{cell:>width$}"),
-            };
-        }
-    }
-    text.iter()
-        .fold(String::new(), |all, line| all + line.trim_end() + "\n")
-}
-
-fn simulator_cells(summary: &Summary) -> Vec<(&'static str, String)> {
+fn simulator_cells(summary: &Summary) -> Vec<Cell> {
     let found = &summary.differences;
     let touched = match summary.touched {
         0 if summary.watched => "0".to_owned(),
@@ -95,7 +64,7 @@ fn simulator_cells(summary: &Summary) -> Vec<(&'static str, String)> {
     ]
 }
 
-fn rules_cells(summary: &Summary) -> Vec<(&'static str, String)> {
+fn rules_cells(summary: &Summary) -> Vec<Cell> {
     let mean = summary.mean.as_ref().map(|errors| &errors.reward);
     vec![
         ("task", name(summary)),

@@ -8,7 +8,7 @@ use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 /// What is known of all runs.
-pub(super) struct Table {
+pub(super) struct LiveTable {
     terminal: Option<Terminal>,
     /// How far those are that run, and when they were seen to come there.
     progress: BTreeMap<String, (Progress, Instant)>,
@@ -30,10 +30,10 @@ struct Terminal {
     width: usize,
 }
 
-impl Table {
-    pub(super) fn new(runs: &[PlannedRun]) -> Table {
+impl LiveTable {
+    pub(super) fn new(runs: &[PlannedRun]) -> LiveTable {
         let terminal = std::io::stderr().is_terminal();
-        Table {
+        LiveTable {
             terminal: terminal.then(|| Terminal::new(runs)),
             progress: BTreeMap::new(),
             running: 0,
@@ -141,7 +141,7 @@ fn in_words(progress: &Progress) -> String {
     words.join("  ")
 }
 
-impl Watcher for Table {
+impl Watcher for LiveTable {
     fn began(&mut self, run: &PlannedRun, step: u64) {
         self.running += 1;
         match &mut self.terminal {
