@@ -203,6 +203,10 @@ pub struct Recorded {
     /// Geoms whose shape is not that of the published model: steps in which something touches them
     /// differ.
     pub approximate_geoms: Vec<usize>,
+    /// Whether pens are handled, whose inertia recordings name.
+    pub has_pens: bool,
+    /// Index in the observation of the spin that the reward counts.
+    pub spin: Option<usize>,
 }
 
 /// Writes `numbers` one after the other.

@@ -90,6 +90,8 @@ impl Task for PenSpin {
             idle_qpos: vec![TARGET_QPOS],
             idle_qvel: vec![TARGET_QVEL],
             approximate_geoms: self.forearms.clone(),
+            has_pens: true,
+            spin: Some(SPIN_OBS),
         }
     }
 }

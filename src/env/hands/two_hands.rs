@@ -301,6 +301,8 @@ impl Task for TwoHands {
             idle_qpos: targets().map(|body| self.indices.qpos(body)).collect(),
             idle_qvel: targets().map(|body| self.indices.qvel(body)).collect(),
             approximate_geoms: self.forearms.clone(),
+            has_pens: self.object == Object::Pen,
+            spin: None,
         }
     }
 }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use crate::env::{self, Inspect, MakeError};
 use crate::recordings::DemonstrationError;
 use crate::recordings::format::{Recording, RecordingError};
-use crate::recordings::verify::check_columns;
+use crate::recordings::replayer::check_columns;
 
 pub use describe::{Description, describe, descriptions, totals};
 pub use record::EpisodeRecorder;

@@ -22,8 +22,7 @@ impl EpisodeRecorder {
         if !goal.is_empty() {
             recorder = recorder.with_desired_goal(goal);
         }
-        // Not InvertedPendulum.
-        if id.starts_with("Pen") || id.starts_with("TwoPen") {
+        if env.recorded().has_pens {
             recorder = recorder.with_setting("pen_inertia", "published");
         }
         EpisodeRecorder {

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use super::{Series, UnusableRecording, common_directory, name, tasks};
 use crate::core::table::{Cell, NOTHING, Table};
-use crate::env::{self, Inspect, Recorded};
 use crate::recordings::format::Recording;
-use crate::recordings::verify::{
-    Errors, add_all_but, check_columns, inertia, largest, number, row,
-};
-use crate::task::{Start, Step};
+use crate::recordings::replayer::{Replayer, row};
+use crate::recordings::verify::{largest, number};
+use crate::recordings::{Errors, ReplayError};
+use crate::task::Step;
 
 /// Error of positions (metres, radians) past which an open-loop replay has left the recording.
 pub const DRIFT: f64 = 1e-3;
@@ -83,95 +82,73 @@ pub struct Replayed {
 /// # Errors
 /// If the task is unknown, the arrays do not fit it or a number is not finite.
 pub fn replay(recording: &Recording) -> Result<Replayed, UnusableRecording> {
-    let mut replayer = Replayer::new(recording)?;
-    let steps = (0..recording.steps()).filter_map(|t| replayer.one_step(t));
+    let mut comparison = Comparison::new(recording)?;
+    let steps = (0..recording.steps()).filter_map(|t| comparison.one_step(t));
     let steps = steps.collect();
     Ok(Replayed {
         path: recording.path.clone(),
         task: recording.env.clone(),
         steps,
-        open_loop: replayer.open_loop(),
-        watched: !replayer.recorded.approximate_geoms.is_empty(),
+        open_loop: comparison.open_loop(),
+        watched: !comparison.replayer.recorded.approximate_geoms.is_empty(),
         has_success: recording.success.is_some(),
     })
 }
 
-/// A recording and the simulation it is compared with.
-struct Replayer<'a> {
-    recording: &'a Recording,
-    env: Box<dyn Inspect>,
-    recorded: Recorded,
-    goal: Vec<f64>,
-    observation: Vec<f64>,
+/// A recording beside the simulation.
+struct Comparison<'a> {
+    replayer: Replayer<'a>,
     /// Whether the last step left a simulation that can go on.
     sound: bool,
 }
 
-impl<'a> Replayer<'a> {
+impl<'a> Comparison<'a> {
     fn new(recording: &'a Recording) -> Result<Self, UnusableRecording> {
-        let env = env::make_watched(&recording.env, inertia(recording))
-            .map_err(UnusableRecording::task(&recording.path))?;
-        check_columns(recording, env.as_ref())?;
+        let replayer = Replayer::new(recording, &recording.env);
+        let replayer = replayer.map_err(|error| match error {
+            ReplayError::Make(error) => UnusableRecording::task(&recording.path)(error),
+            ReplayError::Recording(error) => error.into(),
+        })?;
         recording.check_finite()?;
-        let spec = env.spec();
         Ok(Self {
-            recording,
-            recorded: env.recorded(),
-            goal: match &recording.desired_goal {
-                Some(goal) => goal.clone(),
-                None => vec![0.0; spec.goal_size],
-            },
-            observation: vec![0.0; spec.obs_size],
-            env,
+            replayer,
             sound: false,
         })
     }
 
-    /// Begins anew in the recorded state `t`; false if there is none.
+    /// Begins anew in the recorded state `t`, after the recorded action; false if there is none.
     fn begin(&mut self, t: usize) -> bool {
-        let recording = self.recording;
+        let recording = self.replayer.recording;
         let (Some(qpos), Some(qvel)) = (recording.qpos.get(t), recording.qvel.get(t)) else {
             return false;
         };
         let before = t.checked_sub(1).filter(|_| !recording.reset_before(t));
-        let start = Start {
-            qpos,
-            qvel,
-            previous_action: before.and_then(|before| recording.action.get(before)),
-            goal: &self.goal,
-        };
-        self.env.start_at(&start, &mut self.observation);
-        if let Some(warmstart) = row(&recording.qacc_warmstart, t) {
+        let action = before.and_then(|before| recording.action.get(before));
+        self.replayer.begin(qpos, qvel, action);
+        if row(&recording.qacc_warmstart, t).is_some() {
             // The forward pass may have normalised quaternions.
-            self.env.set_state(qpos, qvel);
-            self.env.set_warmstart(warmstart);
+            self.replayer.write(t);
         }
         true
     }
 
     /// Puts the simulation into the recorded state `t`; false if there is none.
     fn place(&mut self, t: usize) -> bool {
-        let recording = self.recording;
-        let warmstart = row(&recording.qacc_warmstart, t);
-        let state = (recording.qpos.get(t), recording.qvel.get(t));
-        if let (Some(warmstart), (Some(qpos), Some(qvel))) = (warmstart, state)
-            && self.sound
-            && !recording.reset_before(t)
-        {
-            self.env.set_state(qpos, qvel);
-            self.env.set_warmstart(warmstart);
+        let recording = self.replayer.recording;
+        let goes_on = self.sound && !recording.reset_before(t);
+        if goes_on && row(&recording.qacc_warmstart, t).is_some() && self.replayer.write(t) {
             return true;
         }
         self.begin(t)
     }
 
     fn one_step(&mut self, t: usize) -> Option<OneStep> {
-        let recording = self.recording;
+        let recording = self.replayer.recording;
         let action = recording.action.get(t)?;
         if !self.place(t) {
             return None;
         }
-        let step = self.env.step(action, &mut self.observation);
+        let step = self.replayer.step(action);
         self.sound = !step.diverged;
         let after = (!recording.reset_before(t + 1)).then_some(t + 1);
         let number = |rows| Some(row(rows, t)?[0]);
@@ -184,7 +161,7 @@ impl<'a> Replayer<'a> {
         let from = |reward: f64| move |recorded: f64| error(difference(reward, recorded));
         Some(OneStep {
             t,
-            touched: self.env.touched(),
+            touched: self.replayer.env.touched(),
             diverged: step.diverged,
             qpos: qpos(after.and_then(|t| recording.qpos.get(t))),
             qvel: qvel(after.and_then(|t| recording.qvel.get(t))),
@@ -200,7 +177,7 @@ impl<'a> Replayer<'a> {
     }
 
     fn open_loop(&mut self) -> OpenLoop {
-        let recording = self.recording;
+        let recording = self.replayer.recording;
         let mut found = OpenLoop::default();
         let (mut began, mut touched) = (0, false);
         for t in 0..recording.steps() {
@@ -213,8 +190,8 @@ impl<'a> Replayer<'a> {
             let Some(action) = recording.action.get(t) else {
                 break;
             };
-            let step = self.env.step(action, &mut self.observation);
-            touched |= self.env.touched();
+            let step = self.replayer.step(action);
+            touched |= self.replayer.env.touched();
             let error = match recording.qpos.get(t + 1) {
                 _ if step.diverged => f64::INFINITY,
                 Some(qpos) if !recording.reset_before(t + 1) => self.qpos_error(qpos),
@@ -236,38 +213,21 @@ impl<'a> Replayer<'a> {
 
     fn qpos_error(&self, qpos: &[f64]) -> f64 {
         let mut errors = Errors::default();
-        add_all_but(
-            &self.recorded.idle_qpos,
-            &mut errors,
-            self.env.qpos(),
-            qpos,
-            false,
-        );
+        self.replayer.compare_qpos(&mut errors, qpos);
         errors.largest().unwrap_or(0.0)
     }
 
     fn qvel_error(&self, qvel: &[f64]) -> f64 {
         let mut errors = Errors::default();
-        add_all_but(
-            &self.recorded.idle_qvel,
-            &mut errors,
-            self.env.qvel(),
-            qvel,
-            false,
-        );
+        self.replayer.compare_qvel(&mut errors, qvel, false);
         errors.largest().unwrap_or(0.0)
     }
 
-    /// The reward by the earlier rule that the rewards stored with the published PenSpin recordings
-    /// follow: the spin term counts 8 at most.
+    /// The reward by the earlier rule that the rewards stored with the published recordings follow: the spin term
+    /// counts 8 at most. Of tasks that reward spin.
     fn capped_reward(&self, step: &Step) -> Option<f64> {
         const CAP: f64 = 8.0;
-        /// Angular velocity of the pen about its own x axis in an observation.
-        const SPIN: usize = 51;
-        let spin = *self
-            .observation
-            .get(SPIN)
-            .filter(|_| self.env.spec().id == "PenSpin-v0")?;
+        let spin = self.replayer.observation[self.replayer.recorded.spin?];
         Some(spin.min(CAP) + (step.reward - spin))
     }
 }

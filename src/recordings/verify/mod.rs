@@ -4,18 +4,16 @@
 //! replayed on its own: the simulation is put into the recorded state with the recorded solver warm
 //! start, steps once, and what comes out is compared with the next recorded row.
 
-mod error;
 mod replay;
 mod report;
 
 use std::path::{Path, PathBuf};
 
+use super::ReplayError;
 use crate::core::walk::{Walk, WalkError};
 use crate::recordings::format::Recording;
 
-pub use error::Errors;
-pub use replay::{Differences, ReplayError, Summary, replay};
-pub(crate) use replay::{add_all_but, check_columns, inertia, row};
+pub use replay::{Differences, Summary, replay};
 pub use report::tables;
 pub(crate) use report::{largest, number};
 

@@ -1,28 +1,14 @@
 //! Replays a recorded rollout step by step.
 
-use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::error::Errors;
 use super::{RELATIVE_TOLERANCE, TOLERANCE};
-use crate::env::{self, Inspect, MakeError, PenInertia, Recorded};
-use crate::recordings::Sizes;
-use crate::recordings::format::{Recording, RecordingError, Rows};
-use crate::task::dense;
-use crate::task::{Rules, Start, Step, VelocityReading};
-
-/// Why a rollout cannot be replayed.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ReplayError {
-    /// Its task is unknown or cannot be run.
-    #[error(transparent)]
-    Make(#[from] MakeError),
-    /// Its arrays do not fit the task.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-}
+use crate::env::{self, MakeError, PenInertia};
+use crate::recordings::format::Recording;
+use crate::recordings::replayer::{Replayer, inertia, row};
+use crate::recordings::{Errors, ReplayError};
+use crate::task::{Rules, Step, VelocityReading, dense};
 
 /// How the rules fare with one reading of the velocity.
 #[derive(Debug, Clone, Default)]
@@ -180,55 +166,39 @@ impl Summary {
 /// # Errors
 /// If the task is unknown or the arrays do not fit it.
 pub fn replay(rollout: &Recording) -> Result<Summary, ReplayError> {
-    let mut replayer = Replayer::new(rollout)?;
-    replayer.settle();
+    let mut comparison = Comparison::new(rollout)?;
+    comparison.settle();
     for t in 0..rollout.steps() {
-        replayer.step(t);
+        comparison.step(t);
     }
-    Ok(replayer.summary)
+    Ok(comparison.summary)
 }
 
-/// A rollout, the simulation it is compared with, and what was found so far.
-struct Replayer<'a> {
-    rollout: &'a Recording,
-    env: Box<dyn Inspect>,
-    recorded: Recorded,
+/// A rollout beside the simulation, and what was found so far.
+struct Comparison<'a> {
+    replayer: Replayer<'a>,
     start: Arc<dyn Rules>,
     mean: Arc<dyn Rules>,
-    goal: Vec<f64>,
-    observation: Vec<f64>,
     summary: Summary,
 }
 
-impl<'a> Replayer<'a> {
+impl<'a> Comparison<'a> {
     fn new(rollout: &'a Recording) -> Result<Self, ReplayError> {
         let id = rewarded(rollout);
         let info = env::info(&id).map_err(MakeError::from)?;
-        let inertia = inertia(rollout);
-        let env = env::make_watched(&id, inertia)?;
-        check_columns(rollout, env.as_ref())?;
-        let recorded = env.recorded();
-        let spec = env.spec();
-        let goal = match &rollout.desired_goal {
-            Some(goal) => goal.clone(),
-            None => vec![0.0; spec.goal_size],
-        };
+        let replayer = Replayer::new(rollout, &id)?;
         Ok(Self {
-            rollout,
             start: env::rules(&id, VelocityReading::Start)?,
             mean: env::rules(&id, VelocityReading::Mean)?,
-            goal,
-            observation: vec![0.0; spec.obs_size],
-            env,
             summary: Summary {
                 path: rollout.path.clone(),
                 env: rollout.env.clone(),
-                inertia,
+                inertia: inertia(rollout),
                 steps: 0,
                 differences: Differences::default(),
                 touched: 0,
                 touched_differences: Differences::default(),
-                watched: !recorded.approximate_geoms.is_empty(),
+                watched: !replayer.recorded.approximate_geoms.is_empty(),
                 has_success: rollout.success.is_some(),
                 has_ends: rollout.terminated.is_some(),
                 known: Errors::default(),
@@ -237,46 +207,45 @@ impl<'a> Replayer<'a> {
                 diverged: 0,
                 relative: info.relative,
             },
-            recorded,
+            replayer,
         })
-    }
-
-    fn begin(&mut self, qpos: &[f64], qvel: &[f64]) {
-        let start = Start {
-            qpos,
-            qvel,
-            previous_action: None,
-            goal: &self.goal,
-        };
-        self.env.start_at(&start, &mut self.observation);
     }
 
     /// Settles as a reset does, if the recording tells from where, and looks at the goal.
     fn settle(&mut self) {
-        let rollout = self.rollout;
+        let rollout = self.replayer.recording;
         let mut found = Differences::default();
         if rollout.desired_goal.is_some()
             && let Some(first) = rollout.qpos.get(0)
         {
             // Where objects settled tells the region only if they just did.
             let begins = self.begins_with_reset();
-            let error = self.env.goal_error(first, &self.goal, begins);
+            let error = self
+                .replayer
+                .env
+                .goal_error(first, &self.replayer.goal, begins);
             found.goal.add(error, 0.0, false);
         }
         if let (Some(qpos), Some(qvel)) = (&rollout.presettle_qpos, &rollout.presettle_qvel) {
-            self.begin(qpos, qvel);
+            self.replayer.begin(qpos, qvel, None);
             if let Some(warmstart) = &rollout.presettle_qacc_warmstart {
-                self.env.set_warmstart(warmstart);
+                self.replayer.env.set_warmstart(warmstart);
             }
-            self.env.settle(&mut self.observation);
+            let Replayer {
+                env, observation, ..
+            } = &mut self.replayer;
+            env.settle(observation);
             if let Some(ctrl) = &rollout.settle_ctrl {
-                found.ctrl.add_all(self.env.ctrl(), ctrl, false);
+                found.ctrl.add_all(self.replayer.env.ctrl(), ctrl, false);
             }
             if let (Some(qpos), Some(qvel)) = (rollout.qpos.get(0), rollout.qvel.get(0)) {
-                self.compare_state(&mut found.settling, qpos, qvel);
+                self.replayer.compare_qpos(&mut found.settling, qpos);
+                self.replayer.compare_qvel(&mut found.settling, qvel, false);
             }
             if let Some(recorded) = row(&rollout.obs, 0) {
-                found.settling.add_all(&self.observation, recorded, false);
+                found
+                    .settling
+                    .add_all(&self.replayer.observation, recorded, false);
             }
         }
         self.file(&mut found);
@@ -284,19 +253,13 @@ impl<'a> Replayer<'a> {
 
     /// Whether the first row is the state that a reset left.
     fn begins_with_reset(&self) -> bool {
-        let time = row(&self.rollout.time, 0).map(|time| time[0]);
-        self.rollout.presettle_qpos.is_some()
-            || time.is_some_and(|time| time <= self.env.settling_time() + 1e-6)
-    }
-
-    fn compare_state(&self, errors: &mut Errors, qpos: &[f64], qvel: &[f64]) {
-        let idle = &self.recorded;
-        add_all_but(&idle.idle_qpos, errors, self.env.qpos(), qpos, false);
-        add_all_but(&idle.idle_qvel, errors, self.env.qvel(), qvel, false);
+        let time = row(&self.replayer.recording.time, 0).map(|time| time[0]);
+        self.replayer.recording.presettle_qpos.is_some()
+            || time.is_some_and(|time| time <= self.replayer.env.settling_time() + 1e-6)
     }
 
     fn step(&mut self, t: usize) {
-        let rollout = self.rollout;
+        let rollout = self.replayer.recording;
         let (Some(qpos), Some(qvel), Some(action)) = (
             rollout.qpos.get(t),
             rollout.qvel.get(t),
@@ -306,16 +269,14 @@ impl<'a> Replayer<'a> {
         };
         let mut found = Differences::default();
         if rollout.reset_before(t) {
-            self.begin(qpos, qvel);
+            self.replayer.begin(qpos, qvel, None);
             self.compare_observation(&mut found, t);
+            self.replayer.warm_start(t);
         } else {
-            self.env.set_state(qpos, qvel);
-        }
-        if let Some(warmstart) = row(&rollout.qacc_warmstart, t) {
-            self.env.set_warmstart(warmstart);
+            self.replayer.write(t);
         }
         let before = self.before(t);
-        let step = self.env.step(action, &mut self.observation);
+        let step = self.replayer.step(action);
 
         self.summary.steps += 1;
         self.summary.diverged += usize::from(step.diverged);
@@ -331,8 +292,8 @@ impl<'a> Replayer<'a> {
     /// The observation on which action `t` was taken, recorded or else simulated, in the form that
     /// rules read.
     fn before(&self, t: usize) -> Vec<f32> {
-        let mut before = single(&self.observation);
-        if let Some(recorded) = row(&self.rollout.obs, t) {
+        let mut before = single(&self.replayer.observation);
+        if let Some(recorded) = row(&self.replayer.recording.obs, t) {
             for (x, recorded) in before.iter_mut().zip(recorded) {
                 *x = *recorded as f32;
             }
@@ -342,31 +303,34 @@ impl<'a> Replayer<'a> {
 
     fn compare_observation(&self, found: &mut Differences, t: usize) {
         let relative = self.summary.relative;
-        if let Some(recorded) = row(&self.rollout.obs, t) {
-            found.obs.add_all(&self.observation, recorded, relative);
+        if let Some(recorded) = row(&self.replayer.recording.obs, t) {
+            found
+                .obs
+                .add_all(&self.replayer.observation, recorded, relative);
         }
-        if let Some(recorded) = row(&self.rollout.achieved_goal, t) {
-            let achieved = self.env.achieved_goal();
+        if let Some(recorded) = row(&self.replayer.recording.achieved_goal, t) {
+            let achieved = self.replayer.env.achieved_goal();
             found.goal.add_all(&achieved, recorded, relative);
         }
     }
 
     fn compare_positions(&self, found: &mut Differences, t: usize) {
-        let (idle, relative) = (&self.recorded, self.summary.relative);
-        if let Some(recorded) = self.rollout.qpos.get(t) {
-            let qpos = self.env.qpos();
-            add_all_but(&idle.idle_qpos, &mut found.qpos, qpos, recorded, false);
+        let relative = self.summary.relative;
+        if let Some(recorded) = self.replayer.recording.qpos.get(t) {
+            self.replayer.compare_qpos(&mut found.qpos, recorded);
         }
-        if let Some(recorded) = self.rollout.qvel.get(t) {
-            let qvel = self.env.qvel();
-            add_all_but(&idle.idle_qvel, &mut found.qvel, qvel, recorded, relative);
+        if let Some(recorded) = self.replayer.recording.qvel.get(t) {
+            let errors = &mut found.qvel;
+            self.replayer.compare_qvel(errors, recorded, relative);
         }
     }
 
     fn compare_step(&self, found: &mut Differences, t: usize, step: &Step) {
-        let rollout = self.rollout;
+        let rollout = self.replayer.recording;
         if let Some(recorded) = row(&rollout.ctrl, t) {
-            found.ctrl.add_all(self.env.ctrl(), recorded, false);
+            found
+                .ctrl
+                .add_all(self.replayer.env.ctrl(), recorded, false);
         }
         if let Some(recorded) = row(&rollout.reward, t) {
             let relative = self.summary.relative;
@@ -388,8 +352,8 @@ impl<'a> Replayer<'a> {
     }
 
     fn compare_rules(&mut self, t: usize, before: &[f32], action: &[f64], step: &Step) {
-        let recorded = row(&self.rollout.reward, t).map_or(step.reward, |r| r[0]);
-        let (action, after) = (single(action), single(&self.observation));
+        let recorded = row(&self.replayer.recording.reward, t).map_or(step.reward, |r| r[0]);
+        let (action, after) = (single(action), single(&self.replayer.observation));
         let score = |rules: &dyn Rules, errors: &mut RulesErrors| {
             let reward = rules.reward(before, &action, &after);
             errors.reward.add(reward.into(), recorded, false);
@@ -413,7 +377,7 @@ impl<'a> Replayer<'a> {
     fn file(&mut self, found: &mut Differences) {
         let commands = std::mem::take(&mut found.ctrl);
         self.summary.differences.ctrl.merge(&commands);
-        if self.env.touched() {
+        if self.replayer.env.touched() {
             self.summary.touched += 1;
             self.summary.touched_differences.merge(found);
         } else {
@@ -431,47 +395,6 @@ fn rewarded(rollout: &Recording) -> String {
     } else {
         rollout.env.clone()
     }
-}
-
-/// Which inertia the pens of a rollout had, as its settings say.
-pub(crate) fn inertia(rollout: &Recording) -> PenInertia {
-    match &rollout.pen_inertia {
-        Some(words) if words.contains("compiled") || words.contains("derived") => {
-            PenInertia::Derived
-        }
-        _ => PenInertia::Published,
-    }
-}
-
-/// Compares number by number, but for the given ranges.
-pub(crate) fn add_all_but(
-    left_out: &[Range<usize>],
-    errors: &mut Errors,
-    found: &[f64],
-    recorded: &[f64],
-    relative: bool,
-) {
-    for (i, (&found, &recorded)) in found.iter().zip(recorded).enumerate() {
-        if !left_out.iter().any(|range| range.contains(&i)) {
-            errors.add(found, recorded, relative);
-        }
-    }
-}
-
-/// Makes sure that the rows are as long as the task's.
-pub(crate) fn check_columns(rollout: &Recording, env: &dyn Inspect) -> Result<(), RecordingError> {
-    let spec = env.spec();
-    Sizes::of(spec).check(rollout)?;
-    // Without the goal neither rewards nor successes can be told.
-    let goal_needed = rollout.reward.is_some() || rollout.success.is_some();
-    if spec.goal_size > 0 && goal_needed && rollout.desired_goal.is_none() {
-        return Err(rollout.missing("desired_goal"));
-    }
-    Ok(())
-}
-
-pub(crate) fn row(rows: &Option<Rows>, t: usize) -> Option<&[f64]> {
-    rows.as_ref().and_then(|rows| rows.get(t))
 }
 
 fn single(numbers: &[f64]) -> Vec<f32> {

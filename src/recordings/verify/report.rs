@@ -1,9 +1,9 @@
 //! The tables that `mamf verify` prints.
 
-use super::error::Errors;
 use super::replay::Summary;
 use crate::core::table::{Cell, NOTHING, Table};
 use crate::env::PenInertia;
+use crate::recordings::Errors;
 
 /// Columns of words.
 const WORDS: [&str; 2] = ["task", "verdict"];
