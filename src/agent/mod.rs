@@ -1,7 +1,8 @@
 //! Agents: a batch goes in, updated networks and figures come out. They never see a simulator.
 //!
 //! An agent is a [core](self::core), actor and critics, and what [augments](augment) its critics' update. One update
-//! reads from top to bottom in `agent.rs` and `core/mod.rs`; what each actor and each augmentation does is one file.
+//! of TD3 reads from top to bottom in `core/mod.rs` and `core/deterministic.rs`; each other actor, and each augmentation,
+//! is one file.
 //! Methods are made of them in `config`.
 
 #[allow(clippy::module_inception)]

@@ -33,6 +33,14 @@ impl Overrides {
         self.add(Source::Experiment(setting.to_owned()), setting)
     }
 
+    /// Adds `KEY=VALUE` of a variant of an experiment.
+    ///
+    /// # Errors
+    /// When there is no key or no equals sign.
+    pub fn set_for_variant(&mut self, setting: &str) -> Result<(), ConfigError> {
+        self.add(Source::Option(format!("[variants] {setting}")), setting)
+    }
+
     /// Adds the value of an option of its own, such as `--seed`.
     pub fn push(&mut self, option: String, key: &str, value: impl Into<Value>) {
         self.0

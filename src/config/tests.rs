@@ -358,17 +358,6 @@ fn environments_and_noise_that_cannot_be_are_refused_by_name() {
             &["environments=0"][..],
             ["`environments`", "from 1 to 1024"],
         ),
-        (
-            &["environments=7"],
-            [
-                "`steps` = 3000000",
-                "a multiple of environments (7), which all take a step at a time, such as 3000004",
-            ],
-        ),
-        (
-            &["environments=3", "steps=300"],
-            ["`random_steps` = 25000", "a multiple of environments (3)"],
-        ),
         (&["environments=1025"], ["`environments`", "from 1 to 1024"]),
         (&["environments=2.5"], ["`environments`", "a whole number"]),
         (&["updates.every=0"], ["`updates.every`", "at least 1"]),

@@ -46,15 +46,6 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
             },
         )?;
     }
-    let n = c.environments as u64;
-    for (key, steps) in [("steps", c.steps), ("random_steps", c.random_steps)] {
-        require(steps.is_multiple_of(n), key, || {
-            let nearest = steps.div_ceil(n) * n;
-            format!(
-                "a multiple of environments ({n}), which all take a step at a time, such as {nearest}"
-            )
-        })?;
-    }
     let phase_1 = c.random_steps;
     require(c.batch_size as u64 <= phase_1, "batch_size", || {
         format!("at most random_steps ({phase_1}), the transitions phase 1 delivers")

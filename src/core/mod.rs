@@ -1,4 +1,5 @@
-//! What every room stands on: random streams, work side by side, files that outlive a crash.
+//! What every room stands on: random streams, work side by side, files that outlive a crash, tables, and walks through
+//! directories.
 
 pub mod files;
 pub mod parallel;

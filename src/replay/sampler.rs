@@ -1,6 +1,7 @@
 //! Which transitions are learned from.
 
 use crate::core::random::Stream;
+use crate::nn::{LearningState, WeightError};
 use rand::RngExt;
 
 /// A choice of transitions.
@@ -20,6 +21,20 @@ pub trait Sampler: Send + Sync {
     /// A transition was stored at `index`.
     fn stored(&mut self, index: usize) {
         let _ = index;
+    }
+
+    /// Saves what it goes on from.
+    fn save_state(&self, state: &mut LearningState) {
+        let _ = state;
+    }
+
+    /// Goes on from what was saved.
+    ///
+    /// # Errors
+    /// When something of it is missing or has another shape.
+    fn restore(&mut self, state: &LearningState) -> Result<(), WeightError> {
+        let _ = state;
+        Ok(())
     }
 
     /// The critics' absolute errors on the transitions at `indices`, before they learned from them.

@@ -153,10 +153,10 @@ impl Trainer {
             largest_reward: f64::NEG_INFINITY,
             collector: collector(&config, env, demonstrations)?,
             demonstrations: found,
+            probing: probing(&config, agent.augment.can_probe())?,
             agent,
             sampler: Box::new(Uniform),
             evaluator: Evaluator::new(&config, stream(config.seed, "eval-env"))?,
-            probing: probing(&config)?,
             replay,
             log: ReplayLog::new(&directory.replay()),
             needed: 0,
@@ -183,10 +183,10 @@ pub(super) fn empty_replay(config: &Config, spec: &Spec) -> Result<ReplayBuffer,
     }
 }
 
-/// What imagined steps are measured with: none for methods that imagine no other actions.
-fn probing(config: &Config) -> Result<Option<Probing>, MakeError> {
+/// What imagined steps are measured with, if the augmentation can tell of them.
+fn probing(config: &Config, can_probe: bool) -> Result<Option<Probing>, MakeError> {
     let states = config.telemetry.states;
-    if config.method.addition() != Addition::Imagination || states == 0 {
+    if !can_probe || states == 0 {
         return Ok(None);
     }
     let rng = stream(config.seed, "telemetry");

@@ -80,7 +80,8 @@ impl Trainer {
     }
 
     fn write_last(&mut self) -> Result<(), TrainError> {
-        let learning = self.agent.state();
+        let mut learning = self.agent.state();
+        self.sampler.save_state(&mut learning);
         let mut contents = self.evaluation_contents()?;
         if let Some(array) = learning.arrays.not_finite() {
             return Err(self.not_finite(self.step, format!("the array `{array}`")));
@@ -486,6 +487,8 @@ impl Point {
             (None, None) => (),
             _ => return Err(damage(STATE, "it is of another method".to_owned()).into()),
         }
+        let restored = trainer.sampler.restore(&learning);
+        restored.map_err(|error| damage(OPTIMIZERS, error.to_string()))?;
         trainer.step = state.step;
         trainer.largest_reward = state.largest_reward;
         trainer.best_return = state.best_return;

@@ -158,7 +158,7 @@ pub(super) fn measure(
 
     let mut errors = Errors::default();
     for i in (0..rows).filter(|&i| sound[i]) {
-        let sums = if probe.kept.rows.contains(&i) {
+        let sums = if probe.kept.contains(&i) {
             &mut errors.kept
         } else {
             &mut errors.dropped

@@ -8,7 +8,7 @@ use super::state;
 use super::telemetry::{self, Probing, Returns};
 use super::{Evaluation, Evaluator, TrainError, video};
 use crate::agent::{Agent, Controller, Exploring, RandomActions};
-use crate::config::{Addition, Config, Overrides};
+use crate::config::{Config, Overrides};
 use crate::core::parallel::with_threads;
 use crate::env::{self, Scene};
 use crate::nn::{ObservationScaling, RunningMoments};
@@ -31,7 +31,7 @@ pub struct Status {
 
 /// Is told how a run proceeds.
 pub trait Monitor: Send {
-    /// After every environment step.
+    /// After every round: a step of each environment, and what is learned from it.
     fn step(&mut self, status: &Status);
     /// Something the user should know that does not end the run.
     fn note(&mut self, message: &str);
@@ -152,7 +152,8 @@ impl Trainer {
         while self.step < steps {
             let round = self.next_round();
             let random = round.after <= random_steps;
-            self.collect(&mut controllers, monitor)?;
+            let taking = (round.after - round.before) as usize;
+            self.collect(&mut controllers[..taking], monitor)?;
             let scaling = &self.config.scaling;
             let rescaled = scaling.enabled && round.is_due(scaling.every);
             if rescaled {
@@ -193,11 +194,17 @@ impl Trainer {
         Ok(Outcome::Finished)
     }
 
-    /// A step of each environment. The run and phase 1 consist of whole rounds (`config::validate`).
+    /// A step of each environment, or of the first ones where fewer steps are left of phase 1 or of the run: no round
+    /// goes past the end of either.
     fn next_round(&self) -> Round {
+        let (before, phase_1) = (self.step, self.config.random_steps);
+        let end = match before < phase_1 {
+            true => phase_1.min(self.config.steps),
+            false => self.config.steps,
+        };
         Round {
-            before: self.step,
-            after: self.step + self.config.environments as u64,
+            before,
+            after: end.min(before + self.config.environments as u64),
         }
     }
 
@@ -335,15 +342,12 @@ impl Trainer {
         }
     }
 
-    /// Line 12 of Algorithm 1: `b = r* l c` (equation 6).
+    /// Line 12 of Algorithm 1: the augmentation is told the largest reward of phase 1 (equation 6).
     fn begin_phase_2(&mut self) {
-        let largest_reward = self.largest_reward;
-        let settings = &self.config.imagination;
-        let imagines = self.config.method.addition() == Addition::Imagination;
-        if imagines && settings.optimism && largest_reward.is_finite() {
+        if self.largest_reward.is_finite() {
             let episode_limit = self.collector.spec().max_episode_steps as f64;
-            let bias = largest_reward * episode_limit * settings.bias_factor;
-            self.agent.core.set_optimism(bias as f32);
+            let Agent { core, augment, .. } = &mut self.agent;
+            augment.begin(core, self.largest_reward * episode_limit);
         }
     }
 

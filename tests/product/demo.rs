@@ -1,7 +1,5 @@
 //! `mamf demo`: recorded demonstrations are described, replayed and trained on; bad ones are refused.
 
-// Not all of it is needed here.
-
 use crate::common::{Place, SMALL, stderr};
 use mamf::env;
 use mamf::recordings::demo::{Figures, Replayed, replay};

@@ -1,8 +1,6 @@
 //! `scripts/plot_curves.py`, end to end, over curves written here. Where Python or its packages are missing, these tests
 //! say so and pass.
 
-// Not all of it is needed here.
-
 use crate::common::{Place, skipped, stderr};
 use std::fs;
 use std::path::{Path, PathBuf};

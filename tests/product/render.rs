@@ -1,7 +1,5 @@
 //! `mamf render` and videos of runs. Where nothing can draw, these tests say so and pass.
 
-// Not all of it is needed here.
-
 use crate::common::{Place, skipped, small_run, stderr};
 use mamf::core::random::stream;
 use mamf::env;

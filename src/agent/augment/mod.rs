@@ -28,6 +28,17 @@ pub trait Augment: Send + Sync {
         false
     }
 
+    /// Phase 2 begins, before the first update of the core: `most` is the largest reward of phase 1 times the episode
+    /// limit.
+    fn begin(&mut self, core: &mut ActorCritic, most: f64) {
+        let _ = (core, most);
+    }
+
+    /// Whether [`probe`](Augment::probe) has something to tell.
+    fn can_probe(&self) -> bool {
+        false
+    }
+
     /// Draws the transitions and the noise that its part of the next update needs, for batches of `rows`.
     fn draw(
         &mut self,
@@ -65,7 +76,7 @@ pub trait Augment: Send + Sync {
         batch: &Batch,
         scaling: &ObservationScaling,
         rng: &mut Stream,
-    ) -> Option<imagination::Probe> {
+    ) -> Option<Probe> {
         let _ = (core, batch, scaling, rng);
         None
     }
@@ -87,6 +98,23 @@ pub trait Augment: Send + Sync {
             None => Ok(()),
         }
     }
+}
+
+/// Imagined steps as they would be learned from, `[n]` rows, to be measured in the simulator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probe {
+    /// Executed imaginary actions, `[n, action_size]`.
+    pub action: Vec<f32>,
+    /// Imagined next observations, scaled, `[n, obs_size]`.
+    pub next_obs: Vec<f32>,
+    /// Imagined rewards, `[n]`.
+    pub reward: Vec<f32>,
+    /// Targets of the imagined steps, `[n]`.
+    pub y_hat: Vec<f32>,
+    /// Indices of the rows that would train the critics, ascending.
+    pub kept: Vec<usize>,
+    /// The noise of the next actions that the targets were made with, `[n, action_size]`.
+    pub next_noise: Vec<f32>,
 }
 
 /// Nothing is added: the base algorithm.
@@ -140,7 +168,9 @@ impl Learned {
         self.batch = batch;
     }
 
-    /// What the rows `range` of the batch add to the gradient of the model's loss (equation 5).
+    /// What the rows `range` of the batch add to the gradient of the model's loss (equation 5). Every row counts alike,
+    /// whatever the sampler's weights: these correct the critics' expectation over transitions, which the model's loss
+    /// is none of.
     pub fn differentiate(&self, range: Range<usize>, scaling: &ObservationScaling) -> Gradient {
         let (batch, size) = (&self.batch, scaling.size());
         let obs = scaling.scale(rows_of(&batch.obs, size, &range));

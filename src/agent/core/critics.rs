@@ -8,21 +8,12 @@ use crate::nn::{
     matrix, to_vec,
 };
 use crate::replay::Batch;
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 
 /// One or two critics, each with its target.
 pub struct Critics {
     networks: Vec<TrainableNetwork>,
     targets: Vec<Mlp>,
-}
-
-/// Values by the target critics.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Values {
-    /// The smaller one of both critics', or the only one's, `[n]`.
-    pub value: Vec<f32>,
-    /// `|Q1' - Q2'|`, `[n]`; zeros with one critic.
-    pub disagreement: Vec<f32>,
 }
 
 /// State-action pairs that critics are trained on, with their targets.
@@ -143,27 +134,20 @@ impl Critics {
         biases.flatten().copied().collect()
     }
 
-    /// What the target critics say of `input`, action last, `[n, width]`.
-    pub fn target_values(&self, input: &[f32]) -> Values {
-        let mut said = self.targets.iter().map(|critic| critic.forward(input));
-        let first = said.next().expect("at least one critic");
-        match said.next() {
-            None => Values {
-                disagreement: vec![0.0; first.len()],
-                value: first,
-            },
-            Some(second) => {
-                let pairs = || first.iter().zip(&second);
-                Values {
-                    value: pairs().map(|(a, b)| a.min(*b)).collect(),
-                    disagreement: pairs().map(|(a, b)| (a - b).abs()).collect(),
-                }
-            }
-        }
+    /// What each target critic says of `input`, action last, `[n, width]`: `[n]` each.
+    pub fn target_values(&self, input: &[f32]) -> Vec<Vec<f32>> {
+        let said = self.targets.iter().map(|critic| critic.forward(input));
+        said.collect()
     }
 
-    /// One step of each critic, side by side, on `rows`, of which the first `real` are real transitions.
-    pub fn step(&mut self, rows: CriticRows, real: usize) -> Stepped {
+    /// One step of each critic, side by side, down `loss` of its values, the targets and the weights of `rows` (`[n, 1]`
+    /// each), of which the first `real` are real transitions.
+    pub fn step(
+        &mut self,
+        rows: CriticRows,
+        real: usize,
+        loss: impl Fn(Tensor<2>, Tensor<2>, Tensor<2>) -> Tensor<1> + Sync,
+    ) -> Stepped {
         let device = self.networks[0].device();
         let width = rows.input.len() / rows.y.len();
         let input = matrix(rows.input, width, device);
@@ -171,12 +155,10 @@ impl Critics {
         let (y, weight) = (column(rows.y, device), column(rows.weight, device));
         let step = |critic: &mut TrainableNetwork| {
             let mut values = Vec::new();
-            // The weights hold 1/N of the real rows, and whatever the augmentation gave its own.
             let gradient = critic.differentiate(|critic| {
                 let q = critic.forward(input.clone());
                 values = to_vec(q.clone().without_autodiff());
-                let error = q - y.clone();
-                (error.clone() * error * weight.clone()).sum()
+                loss(q, y.clone(), weight.clone())
             });
             let loss = gradient.loss();
             critic.step(gradient);

@@ -1,4 +1,6 @@
-//! Actor and critics with their targets, and one update of both.
+//! Actor and critics with their targets, and one update of both: targets (equation 4), the critics' step (equation 10),
+//! and when the actor and the targets follow. The actor's own half of it is its file: `deterministic.rs` of TD3 and DDPG,
+//! `gaussian.rs` of SAC.
 
 mod actor;
 mod critics;
@@ -6,7 +8,7 @@ mod deterministic;
 mod gaussian;
 
 pub use actor::{Actor, ActorBatch, NextOutput};
-pub use critics::{CriticRows, Critics, Stepped, Values};
+pub use critics::{CriticRows, Critics, Stepped};
 pub(super) use gaussian::sample_in_place;
 
 use super::{AgentSettings, Metrics, Sample, Update};
@@ -15,7 +17,7 @@ use crate::core::random::Stream;
 use crate::nn::{
     LearningState, Mlp, ObservationScaling, WeightError, Weights, rows_of, side_by_side,
 };
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use std::ops::Range;
 
 /// An actor, its critics and their target networks: TD3, DDPG or SAC.
@@ -27,6 +29,15 @@ pub struct ActorCritic {
     critics: Critics,
     /// Updates of actor and critics so far.
     updates: u64,
+}
+
+/// Values by the target critics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Values {
+    /// The smaller one of both critics', or the only one's, `[n]`.
+    pub value: Vec<f32>,
+    /// `|Q1' - Q2'|`, `[n]`; zeros with one critic.
+    pub disagreement: Vec<f32>,
 }
 
 /// A sample as networks see it.
@@ -131,7 +142,21 @@ impl ActorCritic {
         let mut next_action = next.output;
         coupling.execute_in_place(&mut next_action, action);
         let input = self.critic_input(&observed, &next_action);
-        let mut values = self.critics.target_values(&input);
+        // min(Q1', Q2'), or the only one.
+        let mut values = match self.critics.target_values(&input).as_slice() {
+            [first, second] => Values {
+                value: first.iter().zip(second).map(|(a, b)| a.min(*b)).collect(),
+                disagreement: first
+                    .iter()
+                    .zip(second)
+                    .map(|(a, b)| (a - b).abs())
+                    .collect(),
+            },
+            said => Values {
+                disagreement: vec![0.0; said[0].len()],
+                value: said[0].clone(),
+            },
+        };
         let bonuses = next.entropy_bonus.iter().flatten();
         for (value, bonus) in values.value.iter_mut().zip(bonuses) {
             *value += bonus;
@@ -150,7 +175,12 @@ impl ActorCritic {
     /// One step of each critic on `rows`, of which the first are the real transitions of a batch of `real` (equation
     /// 10; Algorithm 1, line 22).
     pub fn step_critics(&mut self, rows: CriticRows, real: usize, mut metrics: Metrics) -> Update {
-        let stepped = self.critics.step(rows, real);
+        // The weights hold 1/N of the real rows, and whatever the augmentation gave its own.
+        let loss = |q: Tensor<2>, y: Tensor<2>, weight: Tensor<2>| {
+            let error = q - y;
+            (error.clone() * error * weight).sum()
+        };
+        let stepped = self.critics.step(rows, real, loss);
         let losses = stepped.losses.iter().map(|loss| f64::from(*loss));
         metrics.set("critic_loss", losses.sum::<f64>());
         let q_mean = stepped.values[..real].iter().sum::<f32>() / real as f32;

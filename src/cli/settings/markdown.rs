@@ -48,7 +48,6 @@ const RELATIONS: &str = "\
 - `demonstrations.probability` and `demonstrations.reset_probability` are at most 1 together.
 - `video.every` is a multiple of `evaluation.every`.
 - `doubled_actions` and `demonstrations.path` exclude each other.
-- `steps` and `random_steps` are multiples of `environments`, which all take a step at a time.
 - `exploration.spread` has two different numbers only where `environments` is at least 2.
 
 ## Doubled actions

@@ -222,7 +222,7 @@ fn resolve(
         overrides.set_for_all(setting)?;
     }
     for setting in own {
-        overrides.set(setting)?;
+        overrides.set_for_variant(setting)?;
     }
     // A seed past the whole numbers of TOML comes out negative, and is refused as such.
     overrides.push(format!("seed {seed}"), "seed", seed as i64);

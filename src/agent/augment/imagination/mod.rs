@@ -6,7 +6,7 @@ mod settings;
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
 pub use settings::{ImaginaryLossMean, ImaginationSettings, TargetComparison, UncertaintyScale};
 
-use super::{Augment, Learned};
+use super::{Augment, Learned, Probe};
 use crate::agent::core::{ActorCritic, CriticRows, Inputs, Values};
 use crate::agent::sample::standard_normal;
 use crate::agent::{Metrics, Sample};
@@ -30,6 +30,8 @@ pub struct Imagination {
     target_filter: Option<TargetFilter>,
     uncertainty_filter: Option<UncertaintyFilter>,
     loss_mean: ImaginaryLossMean,
+    /// `c` of equation 6, if the critics start optimistically.
+    optimism: Option<f64>,
     rng: Stream,
     draws: Draws,
     last: ImaginaryTargets,
@@ -59,23 +61,6 @@ pub struct ImaginaryTargets {
     pub kept: Kept,
     /// Bound `eta` that the actions' noise was clipped to.
     pub noise_bound: f64,
-}
-
-/// What would be imagined, and what would become of it, `[n]` rows.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Probe {
-    /// Executed imaginary actions, `[n, action_size]`.
-    pub action: Vec<f32>,
-    /// Imagined next observations, scaled, `[n, obs_size]`.
-    pub next_obs: Vec<f32>,
-    /// Imagined rewards, `[n]`.
-    pub reward: Vec<f32>,
-    /// Imaginary targets, `[n]`.
-    pub y_hat: Vec<f32>,
-    /// The rows that the filters would keep.
-    pub kept: Kept,
-    /// The noise of the next actions that the targets were made with, `[n, action_size]`.
-    pub next_noise: Vec<f32>,
 }
 
 /// Imaginary transitions with their targets, of some rows.
@@ -125,6 +110,7 @@ impl Imagination {
             uncertainty_filter: uncertainty
                 .then(|| UncertaintyFilter::new(settings.uncertainty_scale)),
             loss_mean: settings.imaginary_loss_mean,
+            optimism: settings.optimism.then_some(settings.bias_factor),
             rng: stream(seed, "imagination"),
             draws: Draws::default(),
             last: ImaginaryTargets::default(),
@@ -202,6 +188,17 @@ impl Augment for Imagination {
         Some(&mut self.learned)
     }
 
+    /// `b = r* l c` (equation 6).
+    fn begin(&mut self, core: &mut ActorCritic, most: f64) {
+        if let Some(factor) = self.optimism {
+            core.set_optimism((most * factor) as f32);
+        }
+    }
+
+    fn can_probe(&self) -> bool {
+        true
+    }
+
     fn draw(
         &mut self,
         replay: &ReplayBuffer,
@@ -250,6 +247,7 @@ impl Augment for Imagination {
         let (width, sa) = (core.observed_width(), core.action_size);
         for &i in &kept.rows {
             let observed = &inputs.observed[i * width..][..width];
+            let weight = weight * batch.weight(i);
             rows.push(observed, &action[i * sa..][..sa], y_hat[i], weight);
         }
 
@@ -302,7 +300,7 @@ impl Augment for Imagination {
             next_obs: rows.imagined.next_obs,
             reward: rows.imagined.reward,
             y_hat: rows.y_hat,
-            kept,
+            kept: kept.rows,
             next_noise: draws.next,
         })
     }
