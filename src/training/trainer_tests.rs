@@ -152,6 +152,21 @@ fn a_diverged_step_is_a_logged_truncation_and_is_not_stored() {
 }
 
 #[test]
+fn phase_2_begins_with_the_bias_of_equation_6_on_all_critics_and_their_targets() {
+    let directory = tempfile::tempdir().unwrap();
+    // It ends where phase 1 does.
+    let mut trainer = trainer(directory.path(), 40);
+    Scripted::put_into(&mut trainer, |step| (0.5, f64::from(step % 7) - 3.0, false));
+    let before = trainer.agent.core.output_biases();
+    trainer
+        .train(&mut Notes(Vec::new()), &AtomicBool::new(false))
+        .unwrap();
+    // r* = 3, l = 1000, c = 1/6.
+    assert_eq!(trainer.agent.core.output_biases(), [500.0; 4]);
+    assert!(before.iter().all(|bias| bias.abs() < 1.0), "{before:?}");
+}
+
+#[test]
 fn a_loss_that_is_not_finite_stops_the_run_and_spares_the_checkpoint() {
     let directory = tempfile::tempdir().unwrap();
     let mut trainer = trainer(directory.path(), 60);
