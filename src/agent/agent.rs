@@ -2,7 +2,7 @@
 
 use super::augment::Augment;
 use super::sample::SampleStreams;
-use super::{ActorCritic, CriticRows, Metrics, Policy, Sample};
+use super::{ActorCritic, CriticRows, Metrics, Policy, Recorded, Sample};
 use crate::core::parallel::{halves, join};
 use crate::nn::{Gradient, LearningState, ObservationScaling, WeightError, Weights};
 use crate::replay::{Batch, ReplayBuffer, Sampler};
@@ -13,6 +13,8 @@ pub struct Agent {
     pub core: ActorCritic,
     /// What is added to the critics' update.
     pub augment: Box<dyn Augment>,
+    /// Recorded transitions that have a share in every batch.
+    pub recorded: Option<Recorded>,
     streams: SampleStreams,
 }
 
@@ -34,6 +36,8 @@ pub struct Update {
     pub critic_losses: Vec<f32>,
     /// Largest absolute error of the critics before their step on each real row, `[n]`.
     pub errors: Vec<f32>,
+    /// Mean of `|Q1|` over the real rows, before the critics' step.
+    pub value_scale: f32,
     /// Whether the actor took a step.
     pub actor_changed: bool,
     /// Numbers by name.
@@ -82,6 +86,7 @@ impl Agent {
         Agent {
             core,
             augment,
+            recorded: None,
             streams: SampleStreams::new(seed),
         }
     }
@@ -91,8 +96,9 @@ impl Agent {
         let action_size = self.core.action_size;
         let stochastic = self.core.settings.base.is_stochastic();
         let (streams, augment) = (&mut self.streams, &mut self.augment);
+        let recorded = self.recorded.as_mut();
         let (sample, ()) = join(
-            || streams.draw(replay, sampler, rows, action_size, stochastic),
+            || streams.draw(replay, sampler, recorded, rows, action_size, stochastic),
             || augment.draw(replay, sampler, rows, action_size),
         );
         sample
@@ -169,6 +175,9 @@ impl Agent {
     pub fn state(&self) -> LearningState {
         let mut state = LearningState::default();
         self.streams.save_state(&mut state);
+        if let Some(recorded) = &self.recorded {
+            recorded.save_state(&mut state);
+        }
         self.core.save_state(&mut state);
         self.augment.save_state(&mut state);
         state
@@ -181,6 +190,9 @@ impl Agent {
     /// When something is missing or has another shape than the settings say.
     pub fn restore(&mut self, state: &LearningState) -> Result<(), WeightError> {
         self.streams.restore(state)?;
+        if let Some(recorded) = &mut self.recorded {
+            recorded.restore(state)?;
+        }
         self.core.restore(state)?;
         self.augment.restore(state)
     }

@@ -11,6 +11,7 @@ pub mod augment;
 mod controller;
 pub mod core;
 mod metrics;
+mod recorded;
 mod sample;
 mod settings;
 
@@ -18,7 +19,9 @@ pub use self::core::{ActorCritic, CriticRows, Values};
 pub use agent::{Agent, Targets, Update, targets};
 pub use controller::{Controller, Exploring, Moment, Playing, Policy, RandomActions, Zero};
 pub use metrics::Metrics;
+pub use recorded::Recorded;
 pub use sample::Sample;
 pub use settings::{
-    AgentSettings, BaseAlgorithm, SmoothingSettings, TargetRule, TemperatureSettings,
+    AgentSettings, BaseAlgorithm, Imitation, SmoothingSettings, TargetRule, TargetValue,
+    TemperatureSettings,
 };

@@ -1,5 +1,6 @@
 //! What one update of the core consumes: transitions and noise, all drawn beforehand.
 
+use super::Recorded;
 use crate::core::random::{Stream, fill_normal, stream};
 use crate::nn::{LearningState, WeightError};
 use crate::replay::{Batch, ReplayBuffer, Sampler};
@@ -33,16 +34,21 @@ impl SampleStreams {
         }
     }
 
-    /// A sample of `rows` transitions for actions of `action_size` numbers.
+    /// A sample of `rows` transitions for actions of `action_size` numbers, some of them `recorded`.
     pub fn draw(
         &mut self,
         replay: &ReplayBuffer,
         sampler: &dyn Sampler,
+        recorded: Option<&mut Recorded>,
         rows: usize,
         action_size: usize,
         stochastic: bool,
     ) -> Sample {
-        let batch = replay.sample(rows, sampler, &mut self.replay);
+        let part = recorded.as_ref().map_or(0, |set| set.part_of(rows));
+        let mut batch = replay.sample(rows - part, sampler, &mut self.replay);
+        if let Some(recorded) = recorded {
+            batch.extend_recorded(&recorded.draw(part));
+        }
         let next_noise = standard_normal(rows * action_size, &mut self.smoothing);
         let actor_noise = if stochastic {
             standard_normal(rows * action_size, &mut self.policy)

@@ -1,6 +1,6 @@
 //! Settings of the agents.
 
-use crate::nn::{Architecture, Coupling, NetworkSettings};
+use crate::nn::{Architecture, Coupling, NetworkSettings, Normalisation};
 use serde::{Deserialize, Serialize};
 
 /// The algorithm that a method builds on.
@@ -74,6 +74,26 @@ impl TargetRule {
     }
 }
 
+/// How the actor imitates recorded actions, beside climbing the critic.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Imitation {
+    /// Weight of the mean squared error of the actions in the recorded rows, beside `-mean Q1 / mean |Q1|` (Fujimoto
+    /// and Gu 2021, equation 3, whose weight is 0.4). 0 for none.
+    pub weight: f64,
+    /// Whether it counts only where `Q1` prefers the recorded action (Nair et al. 2018, equation 5).
+    pub filter: bool,
+}
+
+/// What becomes of the values of both target critics in a target.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TargetValue {
+    /// The smaller one (Fujimoto et al. 2018).
+    Minimum,
+    /// Their mean.
+    Mean,
+}
+
 /// What an agent is built from (paper, appendix B).
 #[derive(Debug, Clone, PartialEq)]
 pub struct AgentSettings {
@@ -93,6 +113,10 @@ pub struct AgentSettings {
     pub smoothing: SmoothingSettings,
     /// Temperature, of SAC.
     pub temperature: TemperatureSettings,
+    /// What becomes of the values of both target critics.
+    pub target_value: TargetValue,
+    /// Imitation of recorded actions, of deterministic actors.
+    pub imitation: Imitation,
 }
 
 impl AgentSettings {
@@ -100,18 +124,30 @@ impl AgentSettings {
     pub fn actor(&self, obs_size: usize, action_size: usize) -> Architecture {
         let observed = self.coupling.observed_width(obs_size, action_size);
         let outputs = action_size * if self.base.is_stochastic() { 2 } else { 1 };
-        self.perceptron(observed, outputs)
+        self.perceptron(observed, outputs, Normalisation::None)
     }
 
     /// A critic's network: what is observed and the executed action to a value.
     pub fn critic(&self, obs_size: usize, action_size: usize) -> Architecture {
         let observed = self.coupling.observed_width(obs_size, action_size);
-        self.perceptron(observed + action_size, 1)
+        self.perceptron(
+            observed + action_size,
+            1,
+            self.networks.critic_normalisation,
+        )
     }
 
-    fn perceptron(&self, inputs: usize, outputs: usize) -> Architecture {
+    fn perceptron(
+        &self,
+        inputs: usize,
+        outputs: usize,
+        normalisation: Normalisation,
+    ) -> Architecture {
         let hidden = self.networks.hidden.as_slice();
-        Architecture::relu(&[&[inputs], hidden, &[outputs]].concat())
+        Architecture {
+            normalisation,
+            ..Architecture::relu(&[&[inputs], hidden, &[outputs]].concat())
+        }
     }
 }
 

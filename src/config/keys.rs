@@ -114,6 +114,8 @@ keys! {
     "policy_delay" => whole(1, LARGEST).or("2");
     /// Updates of the critics (and of the dynamics model) in one learning step.
     "critic_updates" => whole(1, 1_000).or("1");
+    /// What becomes of the values of both target critics in a target: the smaller one, or their mean.
+    "target_value" => word(&["minimum", "mean"]).or("\"minimum\"").of(Concern::TwinCritics).young();
     /// Polyak averaging rate of the target networks, per update.
     "tau" => positive(1.0).or("0.005");
 
@@ -134,6 +136,9 @@ keys! {
     "networks.actor_learning_rate" => positive(1.0).or("3e-4");
     /// Adam's learning rate of the critics.
     "networks.critic_learning_rate" => positive(1.0).or("3e-4");
+    /// What is done to the critics' hidden layers before the activation: nothing, layer normalisation without
+    /// parameters, or division by the mean absolute value.
+    "networks.critic_normalisation" => word(&["none", "layer", "average_l1"]).or("\"none\"").young();
 
     /// Standard deviation of the target policy's noise, as a fraction of the action limit.
     "target_smoothing.deviation" => number(0.0, 10.0).or("0.2").of(Concern::Smoothing);
@@ -168,6 +173,14 @@ keys! {
     "demonstrations.decay" => positive(1.0).or("0.999996");
     /// Environment steps of a segment.
     "demonstrations.segment_steps" => whole(1, LARGEST).or("15");
+    /// Share of recorded transitions in every batch: each recorded action is executed in its state once, which gives
+    /// the reward and what follows. They stay for the whole run.
+    "demonstrations.batch_share" => number(0.0, 0.9).or("0.0").young();
+    /// Weight of the actor's imitation of the actions in those rows: of their mean squared error beside
+    /// `-mean Q1 / mean |Q1|`. 0 for none.
+    "demonstrations.imitation" => number(0.0, 1e6).or("0.0").of(Concern::ExplorationNoise).young();
+    /// Whether only those actions are imitated that `Q1` prefers to the policy's.
+    "demonstrations.imitation_filter" => flag().or("true").of(Concern::ExplorationNoise).young();
 
     /// Widths of the hidden layers of the dynamics model.
     "model.hidden" => key(Range::Widths).or("[256, 256, 256]").of(Concern::Model).tolerated();
@@ -227,6 +240,10 @@ keys! {
     /// States of the simulator, chosen at random since the last evaluation, in which imagined steps are executed and
     /// measured. 0 for none.
     "telemetry.states" => whole(0, 100_000).or("256").of(Concern::Imagination).tolerated();
+
+    /// Recorded states, spread evenly over the demonstrations, in which evaluations start the policy for 60 steps each
+    /// to measure what it makes of them. 0 for none.
+    "telemetry.recorded_states" => whole(0, 100_000).or("0").young();
 
     /// Environment steps between two videos, a multiple of `evaluation.every`. 0 for none.
     "video.every" => whole(0, LARGEST).or("0").on_resume(Resume::Forced).young();

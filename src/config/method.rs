@@ -196,6 +196,8 @@ pub enum Concern {
     Expansion,
     /// Those that have a temperature.
     Temperature,
+    /// Those that have two critics.
+    TwinCritics,
     /// Those that smooth the target policy.
     Smoothing,
     /// Those that add noise to the policy's actions.
@@ -211,6 +213,7 @@ impl Concern {
             Concern::Imagination => method.addition() == Addition::Imagination,
             Concern::Expansion => method.addition() == Addition::Expansion,
             Concern::Temperature => method.base() == BaseAlgorithm::Sac,
+            Concern::TwinCritics => method.base().critics() == 2,
             Concern::Smoothing => method.base() == BaseAlgorithm::Td3,
             Concern::ExplorationNoise => method.base() != BaseAlgorithm::Sac,
         }
@@ -224,6 +227,7 @@ impl Concern {
             Concern::Imagination => Some("imagines no other actions"),
             Concern::Expansion => Some("expands no values"),
             Concern::Temperature => Some("has no temperature"),
+            Concern::TwinCritics => Some("has one critic"),
             Concern::Smoothing => Some("does not smooth the target policy"),
             Concern::ExplorationNoise => Some("explores by its policy's own noise"),
         }

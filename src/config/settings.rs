@@ -3,7 +3,7 @@
 use super::Method;
 use super::keys::{self, Resume};
 use crate::agent::augment::{ExpansionSettings, ImaginationSettings};
-use crate::agent::{SmoothingSettings, TemperatureSettings};
+use crate::agent::{SmoothingSettings, TargetValue, TemperatureSettings};
 use crate::model::{ModelSettings, RewardSource};
 use crate::nn::{Backend, NetworkSettings, ScalingSettings};
 use crate::task::VelocityReading;
@@ -29,6 +29,7 @@ pub struct Config {
     pub exploration_noise: f64,
     pub policy_delay: u64,
     pub critic_updates: u64,
+    pub target_value: TargetValue,
     pub tau: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubled_actions: Option<DoubledActions>,
@@ -94,6 +95,9 @@ pub struct DemonstrationSettings {
     pub reset_probability: f64,
     pub decay: f64,
     pub segment_steps: u64,
+    pub batch_share: f64,
+    pub imitation: f64,
+    pub imitation_filter: bool,
 }
 
 impl Default for DemonstrationSettings {
@@ -126,6 +130,7 @@ pub struct Evaluation {
 #[expect(missing_docs, reason = "the table of keys says it")]
 pub struct Telemetry {
     pub states: usize,
+    pub recorded_states: usize,
 }
 
 /// Videos of the policy in the run directory.

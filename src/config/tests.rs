@@ -280,8 +280,10 @@ fn words_are_all_that_a_field_takes() {
             continue;
         };
         let mut table = Table::try_from(Config::preset(Method::Mamf)).unwrap();
-        let (section, last) = key.name.split_once('.').unwrap();
-        table[section][last] = "?".into();
+        match key.name.split_once('.') {
+            Some((section, last)) => table[section][last] = "?".into(),
+            None => table[key.name] = "?".into(),
+        }
         let error = table.try_into::<Config>().unwrap_err().to_string();
         let message = error.lines().next().unwrap();
         let (_, expected) = message.split_once("expected").unwrap();

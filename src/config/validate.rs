@@ -29,6 +29,17 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         "demonstrations.path",
         || "empty, for recorded actions are not doubled (doubled_actions)".into(),
     )?;
+    let named = |name: &str| format!("0, or recordings in demonstrations.path ({name})");
+    require(
+        d.batch_share == 0.0 || !d.path.is_empty(),
+        "demonstrations.batch_share",
+        || named("it is empty"),
+    )?;
+    require(
+        d.imitation == 0.0 || d.batch_share > 0.0,
+        "demonstrations.imitation",
+        || "0, or a demonstrations.batch_share above 0, whose rows are imitated".into(),
+    )?;
     let every = c.evaluation.every;
     require(c.video.every.is_multiple_of(every), "video.every", || {
         format!("0 or a multiple of evaluation.every ({every})")

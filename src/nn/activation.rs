@@ -3,6 +3,7 @@
 
 use burn::tensor::Tensor;
 use burn::tensor::activation::relu;
+use serde::{Deserialize, Serialize};
 
 /// What a hidden layer's numbers pass through, one by one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,13 +15,15 @@ pub enum Activation {
 }
 
 /// What is done to a hidden layer's numbers before the activation, row by row; none has parameters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Normalisation {
     /// Nothing.
     None,
     /// `(x - mean) / sqrt(variance + 1e-5)` over the row (Ba et al. 2016).
     Layer,
     /// `x / mean |x|` over the row (Fujimoto et al. 2023, section 4).
+    #[serde(rename = "average_l1")]
     AverageL1,
 }
 

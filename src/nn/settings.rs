@@ -1,5 +1,6 @@
 //! Settings of networks and observation scaling, and the device they run on.
 
+use super::Normalisation;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +14,8 @@ pub struct NetworkSettings {
     pub actor_learning_rate: f64,
     /// Adam's learning rate of the critics.
     pub critic_learning_rate: f64,
+    /// What is done to the critics' hidden layers before the activation.
+    pub critic_normalisation: Normalisation,
 }
 
 /// Standardisation of observations by running mean and deviation.

@@ -128,6 +128,8 @@ struct Demonstration {
     action: Rows,
     qpos: Rows,
     qvel: Rows,
+    /// What the recorded episode was about, where the recording says it.
+    goal: Option<Vec<f64>>,
 }
 
 /// A state of a demonstration.
@@ -142,6 +144,9 @@ pub struct DemonstrationState<'a> {
     /// Positions in the trajectory's first state, `[nq]`.
     pub first_qpos: &'a [f64],
 }
+
+/// States of a demonstration, each with the action that follows it.
+pub type Steps<'a> = Vec<(DemonstrationState<'a>, &'a [f64])>;
 
 impl Demonstrations {
     /// Reads the recordings that `pattern` means; see [`find`].
@@ -212,6 +217,33 @@ impl Demonstrations {
         checksummer.checksum()
     }
 
+    /// The trajectories, each with the goal of its episode, where it says one, and its states that precede an action
+    /// with that action, `[action_size]`.
+    pub fn each(&self) -> impl Iterator<Item = (Option<&[f64]>, Steps<'_>)> {
+        self.trajectories.iter().map(|trajectory| {
+            let steps = (0..trajectory.action.rows())
+                .filter_map(|t| Some((trajectory.state(t)?, trajectory.action.get(t)?)));
+            (trajectory.goal.as_deref(), steps.collect())
+        })
+    }
+
+    /// `states` of those states, or all if there are not as many, spread evenly over all trajectories, each with the
+    /// goal of its episode where the recording says one.
+    pub fn spread(
+        &self,
+        states: usize,
+    ) -> impl Iterator<Item = (DemonstrationState<'_>, Option<&[f64]>)> {
+        let all = self.trajectories.iter().flat_map(|trajectory| {
+            let states = (0..trajectory.action.rows()).filter_map(|t| trajectory.state(t));
+            states.map(|state| (state, trajectory.goal.as_deref()))
+        });
+        let (total, wanted) = (self.states(), states.min(self.states()));
+        // Number i is taken where i * wanted / total steps up.
+        all.enumerate()
+            .filter(move |(i, _)| (i + 1) * wanted / total > i * wanted / total)
+            .map(|(_, state)| state)
+    }
+
     /// A uniformly random one of the states that precede an action, of a uniformly random trajectory.
     pub fn draw(&self, rng: &mut Stream) -> DemonstrationState<'_> {
         let trajectory = &self.trajectories[rng.random_range(0..self.trajectories.len())];
@@ -230,6 +262,7 @@ impl Demonstration {
             action: recording.action.clipped(sizes.action_limit),
             qpos: recording.qpos,
             qvel: recording.qvel,
+            goal: recording.desired_goal,
         })
     }
 
@@ -271,6 +304,7 @@ mod tests {
             action: column(steps, 0.5),
             qpos: column(steps + 1, 0.0),
             qvel: column(steps + 1, 0.1),
+            goal: None,
         }
     }
 
@@ -317,6 +351,24 @@ mod tests {
             let deviations = (f64::from(count) - expected) / f64::sqrt(expected);
             assert!(deviations.abs() < 4.0, "{state}: {count}");
         }
+    }
+
+    #[test]
+    fn spread_states_are_evenly_apart_and_all_of_them_at_most() {
+        let demonstrations = two();
+        let spread = |n| {
+            let states = demonstrations.spread(n);
+            states.map(|(state, _)| state.qpos[0]).collect::<Vec<f64>>()
+        };
+        assert_eq!(spread(5), [1.0, 101.0, 103.0, 105.0, 107.0]);
+        assert_eq!(spread(10), spread(99));
+        assert_eq!(spread(99).len(), 10);
+        assert!(spread(0).is_empty());
+        let each: Vec<usize> = demonstrations
+            .each()
+            .map(|(_, steps)| steps.len())
+            .collect();
+        assert_eq!(each, [2, 8]);
     }
 
     #[test]

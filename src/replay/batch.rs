@@ -2,6 +2,7 @@
 
 use super::Transition;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Columns of `rows` transitions, row by row, unscaled.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -24,12 +25,32 @@ pub struct Batch {
     pub indices: Vec<usize>,
     /// Weights of the rows' losses, `[n]`; empty where all are 1.
     pub weights: Vec<f32>,
+    /// How many rows, the last ones, are from recordings; they have no index.
+    pub recorded: usize,
 }
 
 impl Batch {
     /// Weight of the loss of row `row`.
     pub fn weight(&self, row: usize) -> f32 {
         self.weights.get(row).copied().unwrap_or(1.0)
+    }
+
+    /// The rows that are from recordings.
+    pub fn recorded_rows(&self) -> Range<usize> {
+        self.rows - self.recorded..self.rows
+    }
+
+    /// Appends the transitions of `others` as ones from recordings.
+    pub fn extend_recorded(&mut self, others: &Batch) {
+        self.rows += others.rows;
+        self.recorded += others.rows;
+        self.obs.extend_from_slice(&others.obs);
+        self.action.extend_from_slice(&others.action);
+        self.reward.extend_from_slice(&others.reward);
+        self.next_obs.extend_from_slice(&others.next_obs);
+        self.terminated.extend_from_slice(&others.terminated);
+        self.previous_action
+            .extend_from_slice(&others.previous_action);
     }
 
     /// Appends a transition.

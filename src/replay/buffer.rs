@@ -222,6 +222,7 @@ impl ReplayBuffer {
             previous_action: Vec::with_capacity(rows * sa),
             indices: Vec::new(),
             weights: Vec::new(),
+            recorded: 0,
         };
         for &i in &indices {
             let row = &self.rows[i * width..][..width];

@@ -71,7 +71,7 @@ pub const EVAL: [Column; 8] = [
 ];
 
 /// The columns of `train.csv`.
-pub const TRAIN: [Column; 25] = [
+pub const TRAIN: [Column; 29] = [
     column("step", Of::Step, "environment steps taken"),
     column(
         "episodes",
@@ -173,6 +173,15 @@ pub const TRAIN: [Column; 25] = [
         "as `kept_target_error`, of those",
     ),
     column("temperature_loss", Of::Mean, "loss of SAC's temperature"),
+    column(
+        "recorded_reward_5",
+        Of::Last,
+        "at `step`: mean reward a step of the deterministic policy in steps 1 to 5 from recorded states \
+         (`telemetry.recorded_states`)",
+    ),
+    column("recorded_reward_15", Of::Last, "the same in steps 6 to 15"),
+    column("recorded_reward_30", Of::Last, "the same in steps 16 to 30"),
+    column("recorded_reward_60", Of::Last, "the same in steps 31 to 60"),
 ];
 
 /// The columns of `timing.csv`: seconds of wall clock since the row before.

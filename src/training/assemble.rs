@@ -3,12 +3,13 @@
 use super::clock::Clock;
 use super::collector::{Collector, Episode, Side, Source};
 use super::metrics::Interval;
+use super::rehearsal::{Following, recorded};
 use super::segments::Segments;
 use super::telemetry::{Probing, Reservoir};
 use super::trainer::Trainer;
 use super::{Evaluator, TrainError};
 use crate::agent::augment::{Augment, Expansion, Imagination, Plain};
-use crate::agent::{ActorCritic, Agent, AgentSettings, Policy, TargetRule};
+use crate::agent::{ActorCritic, Agent, AgentSettings, Imitation, Policy, TargetRule};
 use crate::config::{Addition, Config, DoubledActions};
 use crate::core::random::stream;
 use crate::env::{self, Inspect, MakeError};
@@ -69,6 +70,11 @@ pub fn agent_settings(config: &Config, spec: &Spec) -> AgentSettings {
         policy_delay: config.policy_delay,
         smoothing: config.target_smoothing.clone(),
         temperature: config.temperature.clone(),
+        target_value: config.target_value,
+        imitation: Imitation {
+            weight: config.demonstrations.imitation,
+            filter: config.demonstrations.imitation_filter,
+        },
     }
 }
 
@@ -118,7 +124,8 @@ impl Trainer {
         run_json: impl FnOnce(Provenance) -> String,
     ) -> Result<Trainer, TrainError> {
         let spec = env.spec();
-        let agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
+        let mut agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
+        agent.recorded = recorded(&config, demonstrations.as_ref())?;
         let replay = empty_replay(&config, spec)?;
         let directory = directory()?;
         directory.write(CONFIG_TOML, &config.to_toml())?;
@@ -148,9 +155,11 @@ impl Trainer {
         let obs_size = env.spec().obs_size;
         let found = demonstrations.as_ref();
         let found = found.map(|set| [set.trajectories(), set.states()]);
+        let demonstrations = demonstrations.map(Arc::new);
         Ok(Trainer {
             step: 0,
             largest_reward: f64::NEG_INFINITY,
+            following: Following::new(&config, demonstrations.as_ref())?,
             collector: collector(&config, env, demonstrations)?,
             demonstrations: found,
             probing: probing(&config, agent.augment.can_probe())?,
@@ -279,9 +288,8 @@ pub fn demonstrations(config: &Config, spec: &Spec) -> Result<Option<Demonstrati
 fn collector(
     config: &Config,
     first: Box<dyn Inspect>,
-    demonstrations: Option<Demonstrations>,
+    demonstrations: Option<Arc<Demonstrations>>,
 ) -> Result<Collector, MakeError> {
-    let demonstrations = demonstrations.map(Arc::new);
     let mut made = Some(first);
     let sources = (0..config.environments).map(|number| {
         // The first one's streams have the names that they have in a run of one environment.

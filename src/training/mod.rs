@@ -6,6 +6,7 @@ mod collector;
 mod error;
 mod evaluation;
 mod metrics;
+mod rehearsal;
 mod segments;
 mod state;
 mod telemetry;

@@ -5,6 +5,7 @@ use super::assemble::{demonstrations, empty_replay, make_env, make_rules, saved_
 use super::clock::{Clock, ClockState};
 use super::collector::CollectorState;
 use super::metrics::Interval;
+use super::rehearsal::recorded;
 use super::telemetry::Reservoir;
 use super::trainer::{Monitor, Trainer};
 use crate::config::{self, Config, Overrides, Resume};
@@ -471,6 +472,7 @@ impl Point {
         let weights = checkpoint.weights();
         let scaling = ObservationScaling::load(obs_size, weights).map_err(misfit)?;
         let mut agent = saved_agent(&config, env.spec(), rules, weights).map_err(misfit)?;
+        agent.recorded = recorded(&config, set.as_ref())?;
         let restored = agent.restore(&learning);
         restored.map_err(|error| damage(OPTIMIZERS, error.to_string()))?;
 

@@ -4,6 +4,7 @@ use super::assemble::coupling;
 use super::clock::Clock;
 use super::collector::{Collector, NotFinite, Sinks};
 use super::metrics::Interval;
+use super::rehearsal::Following;
 use super::state;
 use super::telemetry::{self, Probing, Returns};
 use super::{Evaluation, Evaluator, TrainError, video};
@@ -64,6 +65,8 @@ pub struct Trainer {
     pub(super) evaluator: Evaluator,
     /// Where imagined steps are measured, for agents that imagine.
     pub(super) probing: Option<Probing>,
+    /// Where the policy is started in recorded states.
+    pub(super) following: Option<Following>,
     pub(super) replay: ReplayBuffer,
     pub(super) log: ReplayLog,
     /// Number of the first transition that `checkpoints/last` needs.
@@ -385,6 +388,11 @@ impl Trainer {
         }
         if let Some(probing) = &mut self.probing {
             probing.reservoir.clear();
+        }
+        if let Some(following) = self.following.as_mut().filter(|_| step > 0) {
+            for (name, reward) in following.measure(&policy) {
+                self.interval.tell(name, reward);
+            }
         }
         let evaluation_time = started.elapsed();
 

@@ -7,12 +7,12 @@ use mamf::agent::augment::imagination::{
 };
 use mamf::agent::augment::{Augment, Expansion, ExpansionSettings, Plain};
 use mamf::agent::{
-    ActorCritic, AgentSettings, BaseAlgorithm, Sample, SmoothingSettings, TargetRule,
-    TemperatureSettings, Update, targets,
+    ActorCritic, AgentSettings, BaseAlgorithm, Imitation, Sample, SmoothingSettings, TargetRule,
+    TargetValue, TemperatureSettings, Update, targets,
 };
 use mamf::env;
 use mamf::model::{DynamicsModel, DynamicsShape, ModelSettings, World};
-use mamf::nn::{Backend, Coupling, NetworkSettings, ObservationScaling, Weights};
+use mamf::nn::{Backend, Coupling, NetworkSettings, Normalisation, ObservationScaling, Weights};
 use mamf::replay::Batch;
 use mamf::task::VelocityReading;
 use safetensors::SafeTensors;
@@ -179,6 +179,7 @@ impl Case {
                 hidden: self.parse("hidden"),
                 actor_learning_rate: self.f("actor_lr"),
                 critic_learning_rate: self.f("critic_lr"),
+                critic_normalisation: Normalisation::None,
             },
             coupling: Coupling {
                 beta: self.f("beta"),
@@ -194,6 +195,11 @@ impl Case {
             temperature: TemperatureSettings {
                 initial: self.f("initial_temperature"),
                 learning_rate: self.f("temperature_lr"),
+            },
+            target_value: TargetValue::Minimum,
+            imitation: Imitation {
+                weight: 0.0,
+                filter: true,
             },
         };
         ActorCritic::load(
@@ -225,8 +231,7 @@ impl Case {
             next_obs: input("next_obs"),
             terminated: or_zeros("terminated", rows),
             previous_action: or_zeros("prev_action", rows * sa),
-            indices: Vec::new(),
-            weights: Vec::new(),
+            ..Batch::default()
         }
     }
 

@@ -426,6 +426,14 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
             &["`demonstrations.segment_steps`", "at least 1"],
         ),
         (
+            "demonstrations.batch_share=0.5",
+            &["`demonstrations.batch_share`", "0.5", "demonstrations.path"],
+        ),
+        (
+            "demonstrations.imitation=1",
+            &["`demonstrations.imitation`", "demonstrations.batch_share"],
+        ),
+        (
             "demonstrations.path=3",
             &["`demonstrations.path`", "a string"],
         ),

@@ -99,6 +99,18 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
     for (config, settings) in [
         ("pen_spin", &[][..]),
         ("pen_spin", &[spin.as_str()]),
+        (
+            "pen_spin",
+            &[
+                spin.as_str(),
+                "method=td3",
+                "demonstrations.batch_share=0.25",
+                "demonstrations.imitation=1",
+                "telemetry.recorded_states=3",
+                "networks.critic_normalisation=layer",
+                "target_value=mean",
+            ],
+        ),
         ("egg_hand_over", &[hand_over.as_str()]),
         ("egg_catch_underarm_hard", &[]),
         ("humanoid", &["rules.reward=learned"]),

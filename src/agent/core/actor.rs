@@ -17,6 +17,12 @@ pub struct ActorBatch<'a> {
     pub observed: &'a [f32],
     /// Previous executed actions, `[n, action_size]`.
     pub previous_action: &'a [f32],
+    /// Executed actions, `[n, action_size]`.
+    pub action: &'a [f32],
+    /// How many rows, the last ones, are recorded.
+    pub recorded: usize,
+    /// Mean of `|Q1|` over the rows, before the critics' step.
+    pub value_scale: f32,
     /// Standard normal draws, `[n, action_size]`, of stochastic policies.
     pub noise: &'a [f32],
 }

@@ -2,12 +2,16 @@
 
 use super::actor::{Actor, ActorBatch, NextOutput};
 use super::critics::Critics;
-use crate::agent::{AgentSettings, BaseAlgorithm, Metrics, SmoothingSettings};
+use crate::agent::{AgentSettings, BaseAlgorithm, Imitation, Metrics, SmoothingSettings};
 use crate::core::parallel::halves;
 use crate::nn::{
     Coupling, Gradient, LearningState, Mlp, TrainableNetwork, WeightError, Weights, matrix, rows_of,
 };
 use burn::tensor::{Device, Tensor};
+use std::ops::Range;
+
+/// Smallest `mean |Q1|` that the critic's part of the loss is divided by.
+const VALUE_SCALE_FLOOR: f32 = 1e-3;
 
 /// A deterministic policy and its target, whose actions TD3 smooths and DDPG does not.
 pub struct Deterministic {
@@ -15,6 +19,7 @@ pub struct Deterministic {
     target: Mlp,
     coupling: Coupling,
     smoothing: Option<SmoothingSettings>,
+    imitation: Imitation,
 }
 
 impl Deterministic {
@@ -26,6 +31,7 @@ impl Deterministic {
             target,
             coupling: settings.coupling,
             smoothing: smooths.then(|| settings.smoothing.clone()),
+            imitation: settings.imitation,
         }
     }
 }
@@ -54,22 +60,46 @@ impl Actor for Deterministic {
         }
     }
 
-    /// On `-mean Q1(s, p, couple(pi(s), p))`. The critic's parameters get no gradients.
+    /// On `-mean Q1(s, p, couple(pi(s), p))`, or, where recorded actions are imitated, that over `mean |Q1|` and the
+    /// [imitation](Imitation) of these. The critic's parameters get no gradients.
     fn step(&mut self, batch: ActorBatch<'_>, critics: &Critics, metrics: &mut Metrics) {
         let width = batch.observed.len() / batch.rows;
         let sa = batch.previous_action.len() / batch.rows;
         let device = self.actor.device().clone();
         let critic = critics.first().frozen();
-        let coupling = self.coupling;
+        let (coupling, imitation) = (self.coupling, self.imitation);
+        let first_recorded = batch.rows - batch.recorded;
+        let imitates = imitation.weight > 0.0 && batch.recorded > 0;
+        let scale = if imitates {
+            f64::from(batch.value_scale.max(VALUE_SCALE_FLOOR))
+        } else {
+            1.0
+        };
+        let share = imitation.weight / (batch.recorded * sa) as f64;
         let gradient = Gradient::sum(halves(batch.rows, |range| {
+            let rows = |numbers: &[f32], width: usize, range: &Range<usize>| {
+                matrix(rows_of(numbers, width, range).to_vec(), width, &device)
+            };
             self.actor.differentiate(|actor| {
-                let observed = rows_of(batch.observed, width, &range).to_vec();
-                let observed = matrix(observed, width, &device);
-                let previous = rows_of(batch.previous_action, sa, &range).to_vec();
+                let observed = rows(batch.observed, width, &range);
+                let previous = rows(batch.previous_action, sa, &range);
                 let output = coupling.output(actor.forward(observed.clone()));
-                let action = coupling.execute(output, matrix(previous, sa, &device));
-                let q = critic.forward(Tensor::cat(vec![observed, action], 1));
-                q.sum() * (-1.0 / batch.rows as f64)
+                let action = coupling.execute(output, previous);
+                let q = critic.forward(Tensor::cat(vec![observed.clone(), action.clone()], 1));
+                let climb = q.clone().sum() * (-1.0 / (batch.rows as f64 * scale));
+                let recorded = first_recorded.max(range.start)..range.end;
+                if !imitates || recorded.is_empty() {
+                    return climb;
+                }
+                let here = recorded.start - range.start..range.end - range.start;
+                let of = |rows: Tensor<2>| rows.slice(here.clone());
+                let said = rows(batch.action, sa, &recorded);
+                let mut error = (of(action) - said.clone()).square().sum_dim(1);
+                if imitation.filter {
+                    let recorded = critic.forward(Tensor::cat(vec![of(observed), said], 1));
+                    error = error * recorded.greater(of(q)).float();
+                }
+                climb + error.sum() * share
             })
         }));
         metrics.set("actor_loss", gradient.loss());
@@ -99,5 +129,165 @@ impl Actor for Deterministic {
 
     fn network(&self) -> &Mlp {
         self.actor.mlp()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::{ActorCritic, TargetValue};
+    use crate::config::{Config, Method};
+    use crate::core::random::{Stream, fill_normal, stream};
+    use crate::nn::Backend;
+
+    const ROWS: usize = 12;
+    const RECORDED: usize = 4;
+    const OBS: usize = 3;
+    const ACTION: usize = 2;
+
+    fn settings(weight: f64, filter: bool) -> AgentSettings {
+        let mut config = Config::preset(Method::Td3);
+        config.networks.hidden = vec![16];
+        AgentSettings {
+            base: BaseAlgorithm::Td3,
+            networks: config.networks,
+            coupling: Coupling {
+                beta: 0.7,
+                limit: 1.0,
+            },
+            discount: 0.98,
+            targets: crate::agent::TargetRule::Polyak { tau: 0.005 },
+            policy_delay: 2,
+            smoothing: config.target_smoothing,
+            temperature: config.temperature,
+            target_value: TargetValue::Minimum,
+            imitation: Imitation { weight, filter },
+        }
+    }
+
+    /// Actor and critics of one seed, and numbers to observe and to do.
+    struct Case {
+        actor: Deterministic,
+        critics: Critics,
+        observed: Vec<f32>,
+        previous: Vec<f32>,
+        action: Vec<f32>,
+    }
+
+    fn case(weight: f64, filter: bool) -> Case {
+        let (settings, device) = (settings(weight, filter), Backend::Flex.device());
+        let mut rng = stream(5, "imitation");
+        let network = Mlp::new(&settings.actor(OBS, ACTION), &mut rng);
+        let numbers = |n: usize, rng: &mut Stream| {
+            let mut numbers = vec![0.0; n];
+            fill_normal(rng, &mut numbers);
+            numbers.iter().map(|x: &f32| x.clamp(-0.9, 0.9)).collect()
+        };
+        let observed: Vec<f32> = numbers(ROWS * (OBS + ACTION), &mut rng);
+        Case {
+            critics: Critics::new(&settings, &settings.critic(OBS, ACTION), &mut rng, &device),
+            actor: Deterministic::new(&settings, network.clone(), network, &device),
+            observed,
+            previous: numbers(ROWS * ACTION, &mut rng),
+            action: numbers(ROWS * ACTION, &mut rng),
+        }
+    }
+
+    impl Case {
+        /// One step, the last rows being recorded; the actor's loss before it.
+        fn step(&mut self) -> f64 {
+            let mut metrics = Metrics::default();
+            let batch = ActorBatch {
+                rows: ROWS,
+                observed: &self.observed,
+                previous_action: &self.previous,
+                action: &self.action,
+                recorded: RECORDED,
+                value_scale: 0.5,
+                noise: &[],
+            };
+            self.actor.step(batch, &self.critics, &mut metrics);
+            metrics
+                .iter()
+                .find(|(name, _)| *name == "actor_loss")
+                .unwrap()
+                .1
+        }
+
+        /// What the actor does, and `Q1` of that and of the recorded actions.
+        fn judged(&self) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
+            let mut done = self.actor.output(&self.observed);
+            self.actor
+                .coupling
+                .execute_in_place(&mut done, &self.previous);
+            let q = |action: &[f32]| {
+                let input =
+                    crate::nn::side_by_side(&[(&self.observed, OBS + ACTION), (action, ACTION)]);
+                self.critics.first().mlp().forward(&input)
+            };
+            let (said, recorded) = (q(&done), q(&self.action));
+            (done, said, recorded)
+        }
+
+        /// The loss as its definition says, the imitation being of rows that `counts`.
+        fn expected(&self, weight: f64, counts: impl Fn(f32, f32) -> bool) -> f64 {
+            let (done, said, recorded) = self.judged();
+            let climb: f64 = said.iter().map(|q| f64::from(-q) / ROWS as f64 / 0.5).sum();
+            let rows = (ROWS - RECORDED..ROWS).filter(|i| counts(recorded[*i], said[*i]));
+            let errors = rows.flat_map(|i| i * ACTION..(i + 1) * ACTION);
+            let squares = errors.map(|i| f64::from(done[i] - self.action[i]).powi(2));
+            climb + weight * squares.sum::<f64>() / (RECORDED * ACTION) as f64
+        }
+    }
+
+    #[test]
+    fn the_loss_is_that_of_the_definition_with_and_without_the_filter() {
+        let mut plain = case(3.0, false);
+        let expected = plain.expected(3.0, |_, _| true);
+        assert!((plain.step() - expected).abs() < 1e-5);
+        let mut filtered = case(3.0, true);
+        let preferred = filtered.expected(3.0, |recorded, said| recorded > said);
+        assert!((filtered.step() - preferred).abs() < 1e-5);
+        assert!(
+            (preferred - expected).abs() > 1e-3,
+            "the filter drops some row"
+        );
+        assert!(
+            (preferred - filtered.expected(0.0, |_, _| true)).abs() > 1e-3,
+            "and keeps some"
+        );
+    }
+
+    #[test]
+    fn imitation_leads_to_the_recorded_actions() {
+        let mut case = case(1e4, false);
+        let distance =
+            |case: &Case| case.expected(1.0, |_, _| true) - case.expected(0.0, |_, _| true);
+        let before = distance(&case);
+        for _ in 0..3000 {
+            case.step();
+        }
+        assert!(
+            distance(&case) < 0.1 * before,
+            "{before} {}",
+            distance(&case)
+        );
+    }
+
+    #[test]
+    fn the_mean_of_both_critics_is_half_their_disagreement_above_the_minimum() {
+        let values = |target_value| {
+            let settings = AgentSettings {
+                target_value,
+                ..settings(0.0, true)
+            };
+            let (device, mut rng) = (Backend::Flex.device(), stream(7, "init"));
+            let core = ActorCritic::new(settings, OBS, ACTION, &mut rng, &device);
+            core.bootstrap(&[0.5, -1.0, 0.2], &[0.1, -0.3], &[0.0, 1.0])
+        };
+        let (minimum, mean) = (values(TargetValue::Minimum), values(TargetValue::Mean));
+        let expected = minimum.value[0] + 0.5 * minimum.disagreement[0];
+        assert!((mean.value[0] - expected).abs() < 1e-6);
+        assert!(minimum.disagreement[0] > 1e-3);
     }
 }

@@ -11,7 +11,7 @@ pub use actor::{Actor, ActorBatch, NextOutput};
 pub use critics::{CriticRows, Critics, Stepped};
 pub(super) use gaussian::sample_in_place;
 
-use super::{AgentSettings, Metrics, Sample, Update};
+use super::{AgentSettings, Metrics, Sample, TargetValue, Update};
 use crate::core::parallel::join;
 use crate::core::random::Stream;
 use crate::nn::{
@@ -142,10 +142,18 @@ impl ActorCritic {
         let mut next_action = next.output;
         coupling.execute_in_place(&mut next_action, action);
         let input = self.critic_input(&observed, &next_action);
+        let joined = match self.settings.target_value {
+            TargetValue::Minimum => f32::min,
+            TargetValue::Mean => |a: f32, b: f32| 0.5 * (a + b),
+        };
         // min(Q1', Q2'), or the only one.
         let mut values = match self.critics.target_values(&input).as_slice() {
             [first, second] => Values {
-                value: first.iter().zip(second).map(|(a, b)| a.min(*b)).collect(),
+                value: first
+                    .iter()
+                    .zip(second)
+                    .map(|(a, b)| joined(*a, *b))
+                    .collect(),
                 disagreement: first
                     .iter()
                     .zip(second)
@@ -183,11 +191,14 @@ impl ActorCritic {
         let stepped = self.critics.step(rows, real, loss);
         let losses = stepped.losses.iter().map(|loss| f64::from(*loss));
         metrics.set("critic_loss", losses.sum::<f64>());
-        let q_mean = stepped.values[..real].iter().sum::<f32>() / real as f32;
-        metrics.set("q_mean", q_mean);
+        let values = &stepped.values[..real];
+        let mean = |sum: f32| sum / real as f32;
+        metrics.set("q_mean", mean(values.iter().sum()));
+        let value_scale = mean(values.iter().map(|q| q.abs()).sum());
         Update {
             critic_losses: stepped.losses,
             errors: stepped.errors,
+            value_scale,
             actor_changed: false,
             metrics,
         }
@@ -202,6 +213,9 @@ impl ActorCritic {
                 rows: sample.batch.rows,
                 observed,
                 previous_action: &sample.batch.previous_action,
+                action: &sample.batch.action,
+                recorded: sample.batch.recorded,
+                value_scale: update.value_scale,
                 noise: &sample.actor_noise,
             };
             self.actor.step(batch, &self.critics, &mut update.metrics);
