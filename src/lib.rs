@@ -8,6 +8,7 @@ pub mod env;
 pub mod lab;
 pub mod model;
 pub mod nn;
+pub mod planning;
 pub mod recordings;
 pub mod render;
 pub mod replay;

@@ -58,9 +58,7 @@ impl Policy {
     /// The deterministic executed action in `obs` (not scaled, `[obs_size]`) after `previous`, the action executed
     /// before (`[action_size]`, 0 after a reset).
     pub fn act(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {
-        let mut action = self.network(obs, previous);
-        action.truncate(previous.len());
-        self.coupling.output_in_place(&mut action);
+        let mut action = self.output(obs, previous);
         self.coupling.execute_in_place(&mut action, previous);
         action
     }
@@ -87,6 +85,14 @@ impl Policy {
         }
         self.coupling.execute_in_place(&mut action, previous);
         action
+    }
+
+    /// The deterministic output `u` in `obs` after `previous`, before it is coupled with that.
+    pub fn output(&self, obs: &[f32], previous: &[f32]) -> Vec<f32> {
+        let mut output = self.network(obs, previous);
+        output.truncate(previous.len());
+        self.coupling.output_in_place(&mut output);
+        output
     }
 
     /// What the network says.

@@ -63,8 +63,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 /// Keeps the recording of each episode.
-struct Camera {
-    source: String,
+pub(super) struct Camera {
+    pub source: String,
 }
 
 impl Watch for Camera {

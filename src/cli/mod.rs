@@ -6,6 +6,7 @@ mod demo;
 mod envs;
 mod eval;
 mod live;
+mod plan;
 mod progress;
 mod render;
 mod settings;
@@ -23,7 +24,7 @@ use crate::lab::sweep::slurm::SlurmError;
 use crate::recordings::DemonstrationError;
 use crate::render::{OutputError, PaintError, RenderError};
 use crate::run::{CheckpointError, LockError, RunDirectoryError};
-use crate::training::TrainError;
+use crate::training::{PlanError, TrainError};
 use clap::builder::TypedValueParser;
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -64,6 +65,8 @@ enum Command {
     Eval(eval::Args),
     /// Draw pictures and videos of a policy, a task or a recording
     Render(render::Args),
+    /// Make recordings by planning in the simulator
+    Plan(plan::Args),
     /// List the tasks, or show one in detail
     Envs(envs::Args),
     /// List the keys of a configuration, or all about one
@@ -87,6 +90,7 @@ impl Cli {
             Command::Curves(args) => curves::run(&args),
             Command::Eval(args) => eval::run(&args),
             Command::Render(args) => render::run(&args),
+            Command::Plan(args) => plan::run(&args),
             Command::Envs(args) => envs::run(&args),
             Command::Settings(args) => settings::run(&args),
             Command::Verify(args) => verify::run(&args),
@@ -167,6 +171,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.downcast_ref().is_some_and(is_misuse_of_output)
             || matches!(cause.downcast_ref(), Some(PaintError::Camera { .. }))
             || cause.is::<SweepError>()
+            || cause.downcast_ref().is_some_and(is_misuse_of_plan)
             || cause.is::<ComparisonError>()
             || cause.is::<SlurmError>()
             || cause
@@ -190,6 +195,13 @@ fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
             | RunDirectoryError::NoRun(_)
             | RunDirectoryError::IsACheckpoint(_)
             | RunDirectoryError::Locked(LockError::Held { .. })
+    )
+}
+
+fn is_misuse_of_plan(error: &PlanError) -> bool {
+    matches!(
+        error,
+        PlanError::NotEmpty(_) | PlanError::NothingThere(_) | PlanError::Changed { .. }
     )
 }
 

@@ -68,6 +68,7 @@ pub const SECTIONS: &[(&str, &str)] = &[
     ("telemetry", "What evaluations measure besides returns"),
     ("video", "Videos of the policy"),
     ("checkpoint", "Checkpoints in the run directory"),
+    ("planner", "Planning in the simulator (`mamf plan`)"),
     (
         "compute",
         "Where and with how many threads tensors are computed",
@@ -253,6 +254,46 @@ keys! {
     /// Whether the replay buffer is saved with it. Without, a run can be evaluated but not resumed.
     "checkpoint.replay" => flag().or("true");
 
+    /// How sequences of actions are made: `icem` (Pinneri et al. 2020), `topdm` (the published optimiser of the hand tasks,
+    /// Charlesworth and Montana 2021), `mppi` (Williams et al. 2017) or `sampling` (predictive sampling, Howell et al. 2022).
+    "planner.method" => word(&["icem", "topdm", "mppi", "sampling"]).or("\"icem\"").of_planner();
+    /// Control steps that are looked ahead.
+    "planner.horizon" => whole(1, 1_000).or("20").of_planner();
+    /// Sequences in an iteration; of `icem` in the first one.
+    "planner.samples" => whole(2, 1_000_000).or("64").of_planner();
+    /// Iterations at a control step; of `topdm` the nominal number, from which the number falls over the episode.
+    "planner.iterations" => whole(1, 10_000).or("3").of_planner();
+    /// Iterations at the first control step of an episode, of all but `topdm`.
+    "planner.first_iterations" => whole(1, 10_000).or("10").of_planner();
+    /// Best sequences that the next ones are made of, of `icem` and `topdm`.
+    "planner.elites" => whole(1, 100_000).or("10").of_planner();
+    /// Standard deviation of new sequences, as a fraction of the action limit.
+    "planner.noise" => positive(10.0).or("0.5").of_planner();
+    /// Exponent of the noise's power over frequency, of `icem` and `mppi`: 0 is white, 2 is smooth.
+    "planner.colour" => number(0.0, 10.0).or("2.0").of_planner();
+    /// Share of the old mean and deviation in the new ones, of `icem`.
+    "planner.momentum" => number(0.0, 0.999).or("0.1").of_planner();
+    /// Factor by which the number of samples falls with each iteration, of `icem`.
+    "planner.sample_decay" => number(1.0, 10.0).or("1.25").of_planner();
+    /// Share of the elites that are kept for the next iteration and the next step, of `icem`.
+    "planner.keep" => number(0.0, 1.0).or("0.3").of_planner();
+    /// Probability that a number of a copied sequence changes, of `topdm`.
+    "planner.mutation_probability" => positive(1.0).or("0.3").of_planner();
+    /// Standard deviation of that change, as a fraction of the action limit.
+    "planner.mutation_noise" => positive(10.0).or("0.3").of_planner();
+    /// Temperature on the standardised scores, of `mppi`.
+    "planner.temperature" => positive(1e3).or("0.1").of_planner();
+    /// Knots that noise is put on, of `sampling`.
+    "planner.knots" => whole(2, 1_000).or("5").of_planner();
+    /// What lies between two knots.
+    "planner.interpolation" => word(&["zero", "linear", "cubic"]).or("\"cubic\"").of_planner();
+    /// What a step in which the goal is reached adds to a sequence's score, beside its reward.
+    "planner.success_bonus" => number(0.0, 1e6).or("1.0").of_planner();
+    /// Sequences that a checkpoint's policy makes at each control step, as a fraction of `samples`.
+    "planner.policy_share" => number(0.0, 1.0).or("0.1").of_planner();
+    /// Whether a checkpoint's critics say what comes after the horizon.
+    "planner.terminal_value" => flag().or("true").of_planner();
+
     /// Tensor library that networks are trained with.
     "compute.backend" => word(&["flex", "ndarray"]).or("\"flex\"");
     /// Threads. Results do not depend on it.
@@ -326,6 +367,11 @@ impl Key {
 
     const fn on_resume(self, resume: Resume) -> Key {
         Key { resume, ..self }
+    }
+
+    /// No figure of training depends on it.
+    const fn of_planner(self) -> Key {
+        self.young().on_resume(Resume::Free)
     }
 
     const fn young(self) -> Key {

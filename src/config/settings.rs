@@ -6,6 +6,7 @@ use crate::agent::augment::{ExpansionSettings, ImaginationSettings};
 use crate::agent::{SmoothingSettings, TargetValue, TemperatureSettings};
 use crate::model::{ModelSettings, RewardSource};
 use crate::nn::{Backend, NetworkSettings, ScalingSettings};
+use crate::planning::PlannerSettings;
 use crate::task::VelocityReading;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -49,6 +50,7 @@ pub struct Config {
     pub telemetry: Telemetry,
     pub video: Video,
     pub checkpoint: Checkpoint,
+    pub planner: PlannerSettings,
     pub compute: Compute,
 }
 

@@ -1,6 +1,7 @@
 //! What must hold between settings; the range of each stands in the table of keys.
 
 use super::Config;
+use crate::planning::PlannerMethod;
 
 /// A setting that does not go with the others: its dotted key and what would be right.
 #[derive(Debug, PartialEq)]
@@ -39,6 +40,16 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         d.imitation == 0.0 || d.batch_share > 0.0,
         "demonstrations.imitation",
         || "0, or a demonstrations.batch_share above 0, whose rows are imitated".into(),
+    )?;
+    let p = &c.planner;
+    let selects = matches!(p.method, PlannerMethod::Icem | PlannerMethod::Topdm);
+    require(!selects || p.elites <= p.samples, "planner.elites", || {
+        format!("at most planner.samples ({})", p.samples)
+    })?;
+    require(
+        p.method != PlannerMethod::Sampling || p.horizon == 1 || p.knots <= p.horizon,
+        "planner.knots",
+        || format!("at most planner.horizon ({})", p.horizon),
     )?;
     let every = c.evaluation.every;
     require(c.video.every.is_multiple_of(every), "video.every", || {

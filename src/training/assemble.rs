@@ -17,6 +17,7 @@ use crate::model::{DynamicsModel, DynamicsShape, RewardSource, World};
 use crate::nn::{
     Architecture, Coupling, Mlp, ObservationScaling, RunningMoments, WeightError, Weights,
 };
+use crate::planning::{Planner, PlannerSettings, Worth};
 use crate::recordings::{Demonstrations, Sizes};
 use crate::replay::{ReplayBuffer, Uniform};
 use crate::run::provenance::Provenance;
@@ -24,7 +25,7 @@ use crate::run::schema::{CONFIG_TOML, RUN_JSON};
 use crate::run::{
     Checkpoint, CheckpointError, Curves, ReplayLog, ReplayMemory, RunDirectory, RunDirectoryError,
 };
-use crate::task::{Rules, Spec};
+use crate::task::{Env, Rules, Spec};
 use std::sync::Arc;
 
 /// The task of `config`, wrapped as configured.
@@ -96,6 +97,57 @@ pub fn saved_policy(checkpoint: &Checkpoint, spec: &Spec) -> Result<Policy, Chec
         ))
     };
     load(checkpoint.weights()).map_err(|error| checkpoint.misfit(error))
+}
+
+/// The planner of `config` for its task.
+///
+/// # Errors
+/// When there is no such task or MuJoCo can't run it.
+pub fn planner(config: &Config) -> Result<Planner, MakeError> {
+    let env = make_env(config)?;
+    let coupling = coupling(config, env.spec());
+    drop(env);
+    let settings = config.clone();
+    let make = move || -> Box<dyn Env> {
+        make_env(&settings).expect("another simulator of a task that there is one of already")
+    };
+    let workers = config.compute.threads;
+    Ok(Planner::new(
+        config.planner.clone(),
+        Arc::new(make),
+        workers,
+        coupling,
+    ))
+}
+
+/// What `checkpoint` has learned of the task `spec`, for a planner under `settings`: its policy, and what its critics
+/// say of states, if that is asked for.
+///
+/// # Errors
+/// When the arrays do not fit the task and the configuration.
+pub fn learned(
+    checkpoint: &Checkpoint,
+    spec: &Spec,
+    settings: &PlannerSettings,
+) -> Result<(Policy, Option<Worth>), CheckpointError> {
+    let policy = saved_policy(checkpoint, spec)?;
+    if !settings.terminal_value {
+        return Ok((policy, None));
+    }
+    let config = &checkpoint.config;
+    let device = config.compute.backend.device();
+    let load = |weights: &Weights| {
+        let agent = agent_settings(config, spec);
+        let (obs_size, action_size) = (spec.obs_size, spec.action_size);
+        let core = ActorCritic::load(agent, obs_size, action_size, weights, &device)?;
+        Ok((core, ObservationScaling::load(obs_size, weights)?))
+    };
+    let loaded = load(checkpoint.weights()).map_err(|error| checkpoint.misfit(error))?;
+    let worth: Worth = Arc::new(move |obs: &[f32], previous: &[f32]| {
+        let (core, scaling) = &loaded;
+        f64::from(core.value(obs, previous, scaling)[0])
+    });
+    Ok((policy, Some(worth)))
 }
 
 impl Trainer {

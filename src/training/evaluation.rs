@@ -151,6 +151,13 @@ impl Evaluator {
         self.rng = rng;
     }
 
+    /// Leaves out `episodes` episodes, as if they had been run.
+    pub fn skip(&mut self, episodes: usize) {
+        for _ in 0..episodes {
+            let _ = Stream::from_rng(&mut self.rng);
+        }
+    }
+
     /// Runs `episodes` episodes. Every episode has a stream of its own, so that results do not
     /// depend on which environment it runs in, nor on the number of threads.
     pub fn evaluate(&mut self, controller: &dyn Controller, episodes: usize) -> Evaluation {

@@ -6,6 +6,7 @@ mod collector;
 mod error;
 mod evaluation;
 mod metrics;
+mod plan;
 mod rehearsal;
 mod segments;
 mod state;
@@ -14,10 +15,12 @@ mod trainer;
 mod video;
 
 pub use assemble::{
-    agent_settings, demonstrations, fresh_agent, make_env, make_rules, saved_policy,
+    agent_settings, demonstrations, fresh_agent, learned, make_env, make_rules, planner,
+    saved_policy,
 };
 pub use error::TrainError;
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator, Watch};
+pub use plan::{Plan, PlanError, PlanRow};
 pub use state::{ResumeOptions, Resumed};
 pub use trainer::{Monitor, Outcome, Status, Trainer};
 pub use video::{Camera, check_video};

@@ -7,6 +7,7 @@ mod demo;
 mod demonstrations_format;
 mod envs_command;
 mod paper;
+mod plan;
 mod plots;
 mod properties;
 mod readme;

@@ -5,11 +5,12 @@ use std::fs;
 use std::path::Path;
 
 /// The rooms of each floor, the ground floor first.
-const FLOORS: [&[&str]; 10] = [
+const FLOORS: [&[&str]; 11] = [
     &["core"],
     &["nn", "task"],
     &["model", "replay"],
     &["agent", "env"],
+    &["planning"],
     &["config", "recordings"],
     &["run", "render"],
     &["training"],

@@ -1,0 +1,165 @@
+//! `mamf plan`: episodes are planned, kept or thrown away, and gone on with.
+
+use crate::common::{Place, small_run, stderr};
+
+const FEW: [&str; 6] = [
+    "planner.samples=6",
+    "planner.iterations=1",
+    "planner.first_iterations=2",
+    "planner.elites=2",
+    "planner.horizon=5",
+    "planner.policy_share=0.5",
+];
+
+/// Arguments of a small plan of a task whose episodes are short.
+fn plan<'a>(out: &'a str, rest: &[&'a str]) -> Vec<&'a str> {
+    let mut arguments = vec!["plan", "--task", "InvertedPendulum-v4", "--out", out];
+    for setting in FEW {
+        arguments.extend(["--set", setting]);
+    }
+    arguments.extend(rest);
+    arguments
+}
+
+/// `plan.csv` without the wall-clock times.
+fn rows(place: &Place, out: &str) -> Vec<String> {
+    let text = place.read(&format!("{out}/plan.csv"));
+    let row = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        [&fields[..5], &fields[6..]].concat().join(",")
+    };
+    text.lines().map(row).collect()
+}
+
+#[test]
+fn planned_episodes_are_recordings_and_a_resumed_plan_is_the_whole_one() {
+    let place = Place::new();
+    let said = place.succeed(&plan("whole", &["--episodes", "3", "--threads", "1"]));
+    assert!(said.contains("3 of 3 episodes kept"), "{said}");
+    place.succeed(&plan("parts", &["--episodes", "1", "--threads", "2"]));
+    // As an interruption leaves it: an episode that has no row yet.
+    for ending in ["npz", "json"] {
+        place.write(&format!("parts/episode_0002.{ending}"), "half");
+    }
+    let resumed = place.run(&plan("parts", &["--episodes", "3", "--resume"]));
+    assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
+    assert!(stderr(&resumed).contains("1 episodes are planned already"));
+    assert_eq!(rows(&place, "whole"), rows(&place, "parts"));
+    for episode in 1..=3 {
+        let name = |out: &str| format!("{out}/episode_000{episode}.npz");
+        let bytes = |out: &str| std::fs::read(place.path(&name(out))).unwrap();
+        assert_eq!(bytes("whole"), bytes("parts"), "{episode}");
+    }
+    let info = place.succeed(&["demo", "info", "whole"]);
+    assert!(info.contains("planned (icem)"), "{info}");
+    place.succeed(&["demo", "replay", "whole"]);
+    let trained = place.run(&small_run(
+        "inverted_pendulum",
+        "run",
+        &["demonstrations.path=whole"],
+    ));
+    assert_eq!(trained.status.code(), Some(0), "{trained:?}");
+}
+
+#[test]
+fn a_checkpoint_proposes_and_judges() {
+    let place = Place::new();
+    place.train("inverted_pendulum", "run", &[]);
+    place.succeed(&plan("with", &["--checkpoint", "run"]));
+    let judged = rows(&place, "with");
+    place.succeed(&plan(
+        "proposed",
+        &[
+            "--checkpoint",
+            "run",
+            "--set",
+            "planner.terminal_value=false",
+        ],
+    ));
+    place.succeed(&plan("without", &[]));
+    assert_ne!(judged, rows(&place, "without"));
+    let name = "with/episode_0001.json";
+    assert!(
+        place.read(name).contains("after 400 steps"),
+        "{}",
+        place.read(name)
+    );
+    place.refuse(
+        2,
+        &[
+            "plan",
+            "--task",
+            "Hopper-v4",
+            "--out",
+            "other",
+            "--checkpoint",
+            "run",
+        ],
+        &["Hopper-v4", "InvertedPendulum-v4"],
+    );
+}
+
+#[test]
+fn what_is_not_worth_keeping_is_thrown_away_and_nothing_kept_is_a_failure() {
+    let place = Place::new();
+    let keep = ["--episodes", "2", "--keep", "return > 1e6"];
+    let output = place.run(&plan("none", &keep));
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(stderr(&output).contains("no episode was worth keeping"));
+    assert_eq!(rows(&place, "none").len(), 3);
+    assert!(!place.path("none/episode_0001.npz").exists());
+    place.refuse(
+        2,
+        &plan("x", &["--keep", "success"]),
+        &["--keep success", "knows no success"],
+    );
+}
+
+#[test]
+fn plans_that_make_no_sense_are_refused_and_nothing_is_written() {
+    let place = Place::new();
+    let refuse = |rest: &[&str], parts: &[&str]| place.refuse(2, &plan("out", rest), parts);
+    refuse(
+        &["--set", "planner.horizon=0"],
+        &["planner.horizon", "from 1 to 1000"],
+    );
+    refuse(
+        &["--set", "planner.samples=1"],
+        &["planner.samples", "from 2 to"],
+    );
+    refuse(
+        &["--set", "planner.elites=60"],
+        &["planner.elites", "60", "planner.samples"],
+    );
+    refuse(
+        &[
+            "--set",
+            "planner.method=sampling",
+            "--set",
+            "planner.knots=9",
+        ],
+        &["planner.knots", "9", "planner.horizon"],
+    );
+    place.refuse(
+        2,
+        &["plan", "--task", "Nowhere-v1", "--out", "out"],
+        &["Nowhere-v1"],
+    );
+    refuse(&["--resume"], &["plan.toml", "out"]);
+    refuse(
+        &[
+            "--set",
+            "doubled_actions.period=3",
+            "--set",
+            "action_coupling=1",
+        ],
+        &["doubled_actions"],
+    );
+    place.succeed(&plan("out", &[]));
+    refuse(&[], &["--out out", "not empty", "--resume"]);
+    refuse(
+        &["--resume", "--set", "planner.noise=0.3"],
+        &["planner.noise", "0.5", "0.3"],
+    );
+    refuse(&["--resume", "--seed", "4"], &["seed = 0", "seed = 4"]);
+}
