@@ -69,7 +69,11 @@ pub fn targets(
     }
     let mut rows = CriticRows::default();
     if needs_real {
-        let y = [first.1, second.1].concat();
+        let mut y = [first.1, second.1].concat();
+        // What was done once can be done again.
+        for (y, attained) in y[batch.recorded_rows()].iter_mut().zip(&batch.attained) {
+            *y = y.max(*attained);
+        }
         rows.extend_real(&inputs.observed, batch, &y);
     }
     augment.augment(core, &inputs, gradient, &mut rows, &mut metrics);

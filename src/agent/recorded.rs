@@ -8,15 +8,24 @@ use crate::replay::{Batch, ReplayBuffer, Uniform};
 /// buffer never overwrites them.
 pub struct Recorded {
     transitions: ReplayBuffer,
+    /// Discounted return that followed each of them, if that bounds targets.
+    attained: Option<Vec<f32>>,
     share: f64,
     rng: Stream,
 }
 
 impl Recorded {
-    /// `transitions`, at least one, which are the fraction `share` of each batch, drawn from the stream of `seed`.
-    pub fn new(transitions: ReplayBuffer, share: f64, seed: u64) -> Recorded {
+    /// `transitions`, at least one, which are the fraction `share` of each batch, drawn from the stream of `seed`. What
+    /// each of them `attained` after it, if that is given, is what its target is at least.
+    pub fn new(
+        transitions: ReplayBuffer,
+        attained: Option<Vec<f32>>,
+        share: f64,
+        seed: u64,
+    ) -> Recorded {
         Recorded {
             transitions,
+            attained,
             share,
             rng: stream(seed, "recorded"),
         }
@@ -29,7 +38,15 @@ impl Recorded {
 
     /// `rows` of them, uniformly, with replacement.
     pub fn draw(&mut self, rows: usize) -> Batch {
-        self.transitions.sample(rows, &Uniform, &mut self.rng)
+        let batch = self.transitions.sample(rows, &Uniform, &mut self.rng);
+        let attained = self.attained.iter().flat_map(|attained| {
+            let of = |index: &usize| attained[*index];
+            batch.indices.iter().map(of)
+        });
+        Batch {
+            attained: attained.collect(),
+            ..batch
+        }
     }
 
     pub(super) fn save_state(&self, state: &mut LearningState) {
@@ -66,7 +83,7 @@ mod tests {
 
     #[test]
     fn they_are_the_last_rows_of_a_batch_in_their_share() {
-        let mut recorded = Recorded::new(buffer(10.0), 0.25, 1);
+        let mut recorded = Recorded::new(buffer(10.0), Some(vec![7.0, 8.0]), 0.25, 1);
         assert_eq!(recorded.part_of(16), 4);
         let mut batch = buffer(0.0).sample(12, &Uniform, &mut stream(1, "replay"));
         batch.extend_recorded(&recorded.draw(4));
@@ -75,15 +92,17 @@ mod tests {
         assert!(batch.reward[..12].iter().all(|r| *r < 2.0));
         assert!(batch.reward[12..].iter().all(|r| *r >= 10.0));
         assert_eq!(batch.indices.len(), 12);
+        let attained: Vec<f32> = batch.reward[12..].iter().map(|r| r - 3.0).collect();
+        assert_eq!(batch.attained, attained);
     }
 
     #[test]
     fn draws_go_on_from_a_saved_state() {
-        let mut recorded = Recorded::new(buffer(0.0), 0.5, 1);
+        let mut recorded = Recorded::new(buffer(0.0), None, 0.5, 1);
         recorded.draw(7);
         let mut state = LearningState::default();
         recorded.save_state(&mut state);
-        let mut other = Recorded::new(buffer(0.0), 0.5, 2);
+        let mut other = Recorded::new(buffer(0.0), None, 0.5, 2);
         assert!(other.restore(&LearningState::default()).is_err());
         other.restore(&state).unwrap();
         assert_eq!(recorded.draw(50), other.draw(50));

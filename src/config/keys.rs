@@ -177,6 +177,8 @@ keys! {
     /// Share of recorded transitions in every batch: each recorded action is executed in its state once, which gives
     /// the reward and what follows. They stay for the whole run.
     "demonstrations.batch_share" => number(0.0, 0.9).or("0.0").young();
+    /// Whether the targets of those rows are at least the discounted return that followed in the recording.
+    "demonstrations.return_bound" => flag().or("false").young();
     /// Weight of the actor's imitation of the actions in those rows: of their mean squared error beside
     /// `-mean Q1 / mean |Q1|`. 0 for none.
     "demonstrations.imitation" => number(0.0, 1e6).or("0.0").of(Concern::ExplorationNoise).young();
@@ -211,17 +213,18 @@ keys! {
     /// `rho`: factor of the noise bound, per update.
     "imagination.decay_rate" => positive(1.0).or("0.9999996").of(Concern::Imagination)
         .only_while("imagination.noise_decay", "true");
-    /// How the target filter compares the imaginary target with the real one. Paper: `greater_equal`; released code:
-    /// `greater`.
-    "imagination.target_comparison" => word(&["greater_equal", "greater"]).or("\"greater_equal\"")
+    /// Where the paper's text and the code that its authors released differ, what the defaults of the next three keys and
+    /// of `rules.velocity` follow: the code (`released`), which made the published curves, or the text.
+    "imagination.readings" => word(&["released", "text"]).or("\"released\"").of(Concern::Imagination).young();
+    /// How the target filter compares the imaginary target with the real one. Text: `greater_equal`.
+    "imagination.target_comparison" => word(&["greater_equal", "greater"]).or("\"greater\"")
         .of(Concern::Imagination);
-    /// What the critics' disagreement is divided by: the largest since phase 2 began (paper), or the largest of the
-    /// batch (released code).
-    "imagination.uncertainty_scale" => word(&["running_max", "batch_max"]).or("\"running_max\"")
+    /// What the critics' disagreement is divided by: the largest since phase 2 began (text), or the largest of the batch.
+    "imagination.uncertainty_scale" => word(&["running_max", "batch_max"]).or("\"batch_max\"")
         .of(Concern::Imagination);
-    /// What the summed imaginary loss is divided by: the number of kept transitions (paper, equation 10), or the batch
-    /// size (released code).
-    "imagination.imaginary_loss_mean" => word(&["kept", "batch"]).or("\"kept\"").of(Concern::Imagination);
+    /// What the summed imaginary loss is divided by: the number of kept transitions (text, equation 10), or the batch
+    /// size.
+    "imagination.imaginary_loss_mean" => word(&["kept", "batch"]).or("\"batch\"").of(Concern::Imagination);
 
     /// Imagined steps after the real one.
     "expansion.horizon" => whole(1, 100).or("3").of(Concern::Expansion);
@@ -229,9 +232,8 @@ keys! {
     /// Where the rewards of imagined steps come from: the known rule, or a further output of the dynamics model, for
     /// tasks whose reward nobody can write down.
     "rules.reward" => word(&["known", "learned"]).or("\"known\"").of(Concern::Model).tolerated();
-    /// Velocity in imagined forward rewards: the mean of before and after the step (paper), or that before (released
-    /// code).
-    "rules.velocity" => word(&["mean", "start"]).or("\"mean\"").of(Concern::Model).tolerated();
+    /// Velocity in imagined forward rewards: the mean of before and after the step (text), or that before.
+    "rules.velocity" => word(&["mean", "start"]).or("\"start\"").of(Concern::Model).tolerated();
 
     /// Environment steps between two evaluations.
     "evaluation.every" => whole(1, LARGEST).or("5_000");

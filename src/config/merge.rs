@@ -3,6 +3,7 @@
 
 use super::errors::{ConfigError, Source};
 use super::keys::{self, KEYS, Key};
+use super::method::TEXT_READINGS;
 use super::range::Range;
 use super::{Config, Method, validate};
 use crate::env;
@@ -183,6 +184,15 @@ impl Given {
                 .ok_or_else(|| wrong_value(source, "method", value, Range::Method.to_string()))?,
         };
         let mut merged = preset(method).clone();
+        // Defaults that go with another one; what is said of each of them still wins.
+        let has_use = |key: &Key| key.refusal(method).is_none();
+        let readings = self.values.get("imagination.readings");
+        if keys::find("imagination.readings").is_some_and(has_use)
+            && readings.is_some_and(|(_, value)| value.as_str() == Some("text"))
+        {
+            let text = TEXT_READINGS.iter();
+            merged.extend(text.map(|(name, value)| ((*name).to_owned(), keys::parsed(value))));
+        }
         for (name, (source, value)) in &self.values {
             let Some(key) = keys::find(name) else {
                 check_section(source, name, value)?;

@@ -45,6 +45,14 @@ const NO_IMAGINATION: Preset = &[
     ("imagination.uncertainty_filter", "false"),
 ];
 
+/// What the paper's text says otherwise than the code that its authors released, which the defaults follow.
+pub(super) const TEXT_READINGS: Preset = &[
+    ("imagination.target_comparison", "\"greater_equal\""),
+    ("imagination.uncertainty_scale", "\"running_max\""),
+    ("imagination.imaginary_loss_mean", "\"kept\""),
+    ("rules.velocity", "\"mean\""),
+];
+
 /// The actor and the targets are updated whenever the critics are, as everywhere but in TD3.
 const NO_DELAY: Preset = &[("policy_delay", "1")];
 

@@ -98,6 +98,7 @@ pub struct DemonstrationSettings {
     pub decay: f64,
     pub segment_steps: u64,
     pub batch_share: f64,
+    pub return_bound: bool,
     pub imitation: f64,
     pub imitation_filter: bool,
 }

@@ -34,6 +34,52 @@ fn file_overrides_preset_and_set_overrides_file() {
 }
 
 #[test]
+fn readings_are_the_released_ones_or_those_of_the_text_and_each_can_be_said_by_itself() {
+    use crate::agent::augment::imagination::{
+        ImaginaryLossMean, TargetComparison, UncertaintyScale,
+    };
+    use crate::task::VelocityReading;
+    let read = |sets: &[&str]| {
+        let config = load("task = \"Hopper-v4\"", sets).unwrap();
+        let imagination = config.imagination;
+        (
+            imagination.target_comparison,
+            imagination.uncertainty_scale,
+            imagination.imaginary_loss_mean,
+            config.rules.velocity,
+        )
+    };
+    let released = (
+        TargetComparison::Greater,
+        UncertaintyScale::BatchMax,
+        ImaginaryLossMean::Batch,
+        VelocityReading::Start,
+    );
+    let text = (
+        TargetComparison::GreaterEqual,
+        UncertaintyScale::RunningMax,
+        ImaginaryLossMean::Kept,
+        VelocityReading::Mean,
+    );
+    assert_eq!(read(&[]), released);
+    for method in ["mamf", "mamf-sac", "ma-td3"] {
+        let method = format!("method={method}");
+        assert_eq!(read(&[&method]), released);
+        assert_eq!(read(&[&method, "imagination.readings=text"]), text);
+    }
+    let one = read(&[
+        "imagination.imaginary_loss_mean=batch",
+        "imagination.readings=text",
+    ]);
+    assert_eq!(one, (text.0, text.1, ImaginaryLossMean::Batch, text.3));
+    let refused = message(
+        "task = \"Hopper-v4\"",
+        &["method=td3", "imagination.readings=text"],
+    );
+    assert!(refused.contains("imagines no other actions"), "{refused}");
+}
+
+#[test]
 fn a_resolved_configuration_reads_back_equal() {
     let config = load("task = \"Hopper-v4\"", &[]).unwrap();
     let text = config.to_toml();

@@ -41,6 +41,11 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         "demonstrations.imitation",
         || "0, or a demonstrations.batch_share above 0, whose rows are imitated".into(),
     )?;
+    require(
+        !d.return_bound || d.batch_share > 0.0,
+        "demonstrations.return_bound",
+        || "false, or a demonstrations.batch_share above 0, whose targets are bounded".into(),
+    )?;
     let p = &c.planner;
     let selects = matches!(p.method, PlannerMethod::Icem | PlannerMethod::Topdm);
     require(!selects || p.elites <= p.samples, "planner.elites", || {

@@ -16,6 +16,6 @@ mod strategy;
 mod topdm;
 
 pub use planner::{Planner, Worth};
-pub use rollouts::{MakeEnv, Rollouts};
+pub use rollouts::{MakeEnv, Origin, Rollouts, Value};
 pub use settings::{Interpolation, PlannerMethod, PlannerSettings};
 pub use strategy::{Sequences, Shape, Strategy};

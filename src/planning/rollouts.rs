@@ -34,7 +34,8 @@ struct Worker {
 
 /// Where rollouts begin.
 #[derive(Clone, Copy)]
-pub(super) struct Origin<'a> {
+pub struct Origin<'a> {
+    /// The state.
     pub state: &'a EnvState,
     /// The observation there.
     pub obs: &'a [f32],
@@ -75,7 +76,7 @@ impl Rollouts {
 
     /// The score of each of `sequences`, `[n, horizon, action_size]`: the sum of its rewards, and of `value` where it
     /// ends, unless the task ended before; minus infinity where the simulation blows up.
-    pub(super) fn score(
+    pub fn score(
         &mut self,
         origin: Origin<'_>,
         sequences: &[f32],

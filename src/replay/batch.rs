@@ -27,6 +27,9 @@ pub struct Batch {
     pub weights: Vec<f32>,
     /// How many rows, the last ones, are from recordings; they have no index.
     pub recorded: usize,
+    /// Discounted returns that followed in the recordings, `[recorded]`: what targets of these rows are at least; empty
+    /// where nothing is known.
+    pub attained: Vec<f32>,
 }
 
 impl Batch {
@@ -51,6 +54,7 @@ impl Batch {
         self.terminated.extend_from_slice(&others.terminated);
         self.previous_action
             .extend_from_slice(&others.previous_action);
+        self.attained.extend_from_slice(&others.attained);
     }
 
     /// Appends a transition.

@@ -223,6 +223,7 @@ impl ReplayBuffer {
             indices: Vec::new(),
             weights: Vec::new(),
             recorded: 0,
+            attained: Vec::new(),
         };
         for &i in &indices {
             let row = &self.rows[i * width..][..width];

@@ -31,12 +31,14 @@ pub(super) fn recorded(
     let (obs_size, action_size) = (env.spec().obs_size, env.spec().action_size);
     let at_rest = vec![0.0; action_size];
     let mut transitions = ReplayBuffer::new(demonstrations.states(), obs_size, action_size);
+    let mut attained = Vec::new();
     for (goal, steps) in demonstrations.each() {
         let first = steps.first().map_or(&[][..], |(state, _)| state.first_qpos);
         let goal = match goal {
             Some(goal) => goal.to_vec(),
             None => env.draw_goal(&mut rng, first),
         };
+        let mut rewards = Vec::new();
         for (state, action) in steps {
             let start = Start {
                 qpos: state.qpos,
@@ -61,11 +63,21 @@ pub(super) fn recorded(
             };
             if !step.diverged && transition.not_finite().is_none() {
                 transitions.push(transition);
+                rewards.push(step.reward);
             }
         }
+        // Backwards; nothing is known of what came after the last one.
+        let mut after = 0.0;
+        let mut returns: Vec<f32> = Vec::new();
+        for reward in rewards.iter().rev() {
+            after = reward + config.discount * after;
+            returns.push(after as f32);
+        }
+        attained.extend(returns.into_iter().rev());
     }
+    let bound = config.demonstrations.return_bound.then_some(attained);
     let some = !transitions.is_empty();
-    Ok(some.then(|| Recorded::new(transitions, share, config.seed)))
+    Ok(some.then(|| Recorded::new(transitions, bound, share, config.seed)))
 }
 
 /// Steps of the phases that [`Following`] tells of, each up to the last one: the first from 1 on.

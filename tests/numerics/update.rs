@@ -3,7 +3,7 @@
 
 use mamf::agent::augment::expansion::RolloutStep;
 use mamf::agent::augment::imagination::{
-    Draws, ImaginaryTargets, Imagination, ImaginationSettings,
+    Draws, ImaginaryTargets, Imagination, ImaginationSettings, Readings,
 };
 use mamf::agent::augment::{Augment, Expansion, ExpansionSettings, Plain};
 use mamf::agent::{
@@ -163,6 +163,7 @@ impl Case {
             noise_bound: 1.0,
             bias_factor: 0.0,
             decay_rate: self.f("rho"),
+            readings: Readings::Text,
             target_comparison: serde_json::from_value(comparison.into()).unwrap(),
             uncertainty_scale: self.parse("uncertainty_scale"),
             imaginary_loss_mean: self.parse("imaginary_loss_mean"),

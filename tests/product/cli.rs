@@ -430,6 +430,13 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
             &["`demonstrations.batch_share`", "0.5", "demonstrations.path"],
         ),
         (
+            "demonstrations.return_bound=true",
+            &[
+                "`demonstrations.return_bound`",
+                "demonstrations.batch_share",
+            ],
+        ),
+        (
             "demonstrations.imitation=1",
             &["`demonstrations.imitation`", "demonstrations.batch_share"],
         ),

@@ -106,6 +106,7 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
                 "method=td3",
                 "demonstrations.batch_share=0.25",
                 "demonstrations.imitation=1",
+                "demonstrations.return_bound=true",
                 "telemetry.recorded_states=3",
                 "networks.critic_normalisation=layer",
                 "target_value=mean",

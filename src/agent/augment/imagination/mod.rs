@@ -4,7 +4,9 @@ mod filters;
 mod settings;
 
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
-pub use settings::{ImaginaryLossMean, ImaginationSettings, TargetComparison, UncertaintyScale};
+pub use settings::{
+    ImaginaryLossMean, ImaginationSettings, Readings, TargetComparison, UncertaintyScale,
+};
 
 use super::{Augment, Learned, Probe};
 use crate::agent::core::{ActorCritic, CriticRows, Inputs, Values};

@@ -22,6 +22,16 @@ pub enum ImaginaryLossMean {
     Batch,
 }
 
+/// What the defaults follow where the paper's text and its authors' released code differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Readings {
+    /// The released code.
+    Released,
+    /// The paper's text.
+    Text,
+}
+
 /// How `y_hat` is compared with `y` in the target filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -54,6 +64,8 @@ pub struct ImaginationSettings {
     pub bias_factor: f64,
     /// `rho`: factor of the noise bound per update.
     pub decay_rate: f64,
+    /// What the defaults of the next three, and of the velocity in rewards, follow; nothing else depends on it.
+    pub readings: Readings,
     /// Comparison of the target filter.
     pub target_comparison: TargetComparison,
     /// Scale of the uncertainty filter.
