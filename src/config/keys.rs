@@ -107,7 +107,7 @@ keys! {
     /// `beta` in `a = beta u + (1 - beta) p`: share of the policy's output `u` in the executed action, the rest being
     /// the previous executed action `p`. 1 is plain TD3.
     "action_coupling" => positive(1.0).or("0.7");
-    /// Standard deviation of the exploration noise, as a fraction of the action limit.
+    /// Standard deviation of the exploration noise, as a fraction of half of each action number's range.
     "exploration_noise" => number(0.0, 10.0).or("0.1").of(Concern::ExplorationNoise)
         .only_while("exploration.spread", "[]");
     /// Learning steps between two updates of the actor and the target networks.
@@ -126,7 +126,7 @@ keys! {
     /// Environment steps between two learning steps in phase 2, and between two steps of the dynamics model in phase 1.
     "updates.every" => whole(1, LARGEST).or("1").young();
 
-    /// Standard deviations of the exploration noise as fractions of the action limit, spread evenly over the
+    /// Standard deviations of the exploration noise as fractions of half of each action number's range, spread evenly over the
     /// environments in place of `exploration_noise`: environment i of N, from 0, has `low + (high - low) i / (N - 1)`.
     "exploration.spread" => key(Range::Span { most: 10.0 }).or("[]").of(Concern::ExplorationNoise).young();
 
@@ -140,9 +140,9 @@ keys! {
     /// parameters, or division by the mean absolute value.
     "networks.critic_normalisation" => word(&["none", "layer", "average_l1"]).or("\"none\"").young();
 
-    /// Standard deviation of the target policy's noise, as a fraction of the action limit.
+    /// Standard deviation of the target policy's noise, as a fraction of half of each action number's range.
     "target_smoothing.deviation" => number(0.0, 10.0).or("0.2").of(Concern::Smoothing);
-    /// Bound of that noise, as a fraction of the action limit.
+    /// Bound of that noise, as a fraction of half of each action number's range.
     "target_smoothing.clip" => number(0.0, 10.0).or("0.5").of(Concern::Smoothing);
 
     /// The temperature (weight of the policy's entropy) at first.
@@ -200,9 +200,9 @@ keys! {
     /// Standard deviation of the imagined actions' noise before it is clipped (equation 7), in units of the action, or
     /// as `noise_relative` says.
     "imagination.noise_deviation" => number(0.0, 10.0).or("1.0").of(Concern::Imagination);
-    /// Whether that deviation is a fraction of the action limit.
+    /// Whether that deviation is a fraction of half of each action number's range.
     "imagination.noise_relative" => flag().or("false").of(Concern::Imagination);
-    /// Bound `eta` of that noise at first, as a fraction of the action limit.
+    /// Bound `eta` of that noise at first, as a fraction of half of each action number's range.
     "imagination.noise_bound" => number(0.0, 10.0).or("1.0").of(Concern::Imagination);
     /// `c` in equation 6, the factor of the critics' first bias.
     "imagination.bias_factor" => number(0.0, 1.0).or("0.16666666666666666").of(Concern::Imagination)

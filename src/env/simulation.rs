@@ -7,6 +7,7 @@ use mujoco_rs::{Data, Model};
 use super::Inspect;
 use super::task::{Command, Info, Recorded, Task};
 use crate::core::random::Stream;
+use crate::core::span::Span;
 use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
 
 /// A start that is refused this often is taken as it is; the model is broken then.
@@ -60,12 +61,11 @@ impl<T: Task> Simulation<T> {
     pub fn new(model: Arc<Model>, info: &Info, task: T) -> mujoco_rs::Result<Self> {
         let mut data = Data::new(Arc::clone(&model))?;
         data.forward()?;
-        let (servos, action_limit) = match T::COMMAND {
-            Command::Action => {
-                let limit = model.actuator_ctrlrange().get(1).copied();
-                (Vec::new(), limit.unwrap_or(1.0))
-            }
-            Command::Range => (servos(&model), 1.0),
+        let ranges = command_ranges(&model)?;
+        let servos: Vec<Servo> = ranges.iter().map(|range| Servo::over(*range)).collect();
+        let action_ranges = match T::COMMAND {
+            Command::Action => ranges,
+            Command::Range => vec![Span::symmetric(1.0); ranges.len()],
         };
         Ok(Self {
             spec: Spec {
@@ -73,7 +73,7 @@ impl<T: Task> Simulation<T> {
                 obs_size: info.obs_size(),
                 goal_size: info.goal_size(),
                 action_size: model.nu(),
-                action_limit,
+                action_ranges,
                 max_episode_steps: info.max_episode_steps,
                 dt: model.timestep() * info.frame_skip as f64,
                 nq: model.nq(),
@@ -160,21 +160,34 @@ impl<T: Task> Simulation<T> {
 }
 
 impl Servo {
+    fn over(range: Span) -> Servo {
+        Servo {
+            centre: range.middle(),
+            half_range: range.half(),
+            low: range.low,
+            high: range.high,
+        }
+    }
+
     fn command(&self, action: f64) -> f64 {
         let command = self.centre + action.clamp(-1.0, 1.0) * self.half_range;
         command.clamp(self.low, self.high)
     }
 }
 
-fn servos(model: &Model) -> Vec<Servo> {
-    let ranges = model.actuator_ctrlrange().as_chunks::<2>().0;
-    let servo = |&[low, high]: &[f64; 2]| Servo {
-        centre: (high + low) / 2.0,
-        half_range: (high - low) / 2.0,
-        low,
-        high,
-    };
-    ranges.iter().map(servo).collect()
+/// What each actuator of `model` can be commanded. A policy explores a range; where there is none, no command
+/// could be learned.
+fn command_ranges(model: &Model) -> mujoco_rs::Result<Vec<Span>> {
+    let ranges = model.actuator_ctrlrange().as_chunks::<2>().0.iter();
+    let checked = ranges.enumerate().map(|(i, &[low, high])| {
+        // Of an actuator without limits MuJoCo says 0 to 0.
+        if low < high {
+            Ok(Span { low, high })
+        } else {
+            Err(mujoco_rs::Error::NoCommandRange(i))
+        }
+    });
+    checked.collect()
 }
 
 impl<T: Task> Env for Simulation<T> {

@@ -110,7 +110,7 @@ pub const TRAIN: [Column; 29] = [
     column(
         "eta",
         Of::Last,
-        "bound of the imagined actions' noise in the last update",
+        "bound of the imagined actions' noise in the last update, where ranges differ of the number with the widest",
     ),
     column(
         "target_kept",
@@ -144,8 +144,8 @@ pub const TRAIN: [Column; 29] = [
     column(
         "kept_state_error",
         Of::Last,
-        "at `step`: root mean square error of the next observation, in scaled space, of imagined steps that would \
-         train the critics, executed in the simulator",
+        "at `step`: root mean square error of the next observation, in scaled space and without coordinates that are \
+         known, of imagined steps that would train the critics, executed in the simulator",
     ),
     column(
         "kept_reward_error",

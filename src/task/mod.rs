@@ -8,6 +8,7 @@ mod rules;
 pub use rules::{Rules, VelocityReading};
 
 use crate::core::random::Stream;
+use crate::core::span::Span;
 use serde::{Deserialize, Serialize};
 
 /// What one call of [`Env::step`] brings besides the observation.
@@ -121,8 +122,8 @@ pub struct Spec {
     pub goal_size: usize,
     /// Length of an action.
     pub action_size: usize,
-    /// Every action number lies in `[-action_limit, action_limit]`.
-    pub action_limit: f64,
+    /// Where each number of an action lies, `action_size` ranges. An action before the first one is 0.
+    pub action_ranges: Vec<Span>,
     /// Control steps until an episode is truncated.
     pub max_episode_steps: usize,
     /// Seconds of simulated time a control step.

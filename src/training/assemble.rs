@@ -53,10 +53,7 @@ pub fn make_rules(config: &Config, spec: &Spec) -> Result<Arc<dyn Rules>, MakeEr
 
 /// The coupling of actions as `spec` limits them.
 pub(super) fn coupling(config: &Config, spec: &Spec) -> Coupling {
-    Coupling {
-        beta: config.action_coupling,
-        limit: spec.action_limit,
-    }
+    Coupling::new(config.action_coupling, &spec.action_ranges)
 }
 
 /// The part of `config` that actor and critics are built from, for actions as `spec` says.
@@ -92,7 +89,7 @@ pub fn saved_policy(checkpoint: &Checkpoint, spec: &Spec) -> Result<Policy, Chec
             actor,
             settings.base,
             scaling,
-            settings.coupling,
+            settings.coupling.clone(),
         ))
     };
     load(checkpoint.weights()).map_err(|error| checkpoint.misfit(error))
@@ -260,12 +257,12 @@ fn augment(
         };
         Ok(World::new(model(shape)?, Arc::clone(&rules)))
     };
-    let (limit, seed) = (spec.action_limit, config.seed);
+    let (ranges, seed) = (&spec.action_ranges, config.seed);
     Ok(match config.method.addition() {
         Addition::None => Box::new(Plain),
         Addition::Imagination => {
             let settings = &config.imagination;
-            Box::new(Imagination::new(settings, limit, world()?, seed))
+            Box::new(Imagination::new(settings, ranges, world()?, seed))
         }
         Addition::Expansion => Box::new(Expansion::new(&config.expansion, world()?, seed)),
     })

@@ -113,7 +113,8 @@ impl Errors {
     }
 }
 
-/// Sums of errors over rows: squared ones of the next observation in scaled space (a mean over coordinates a row),
+/// Sums of errors over rows: squared ones of the next observation in scaled space (a mean over the coordinates that are
+/// learned a row),
 /// absolute ones of reward and target `y_hat`.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Sums {
@@ -138,6 +139,9 @@ pub(super) fn measure(
     let (so, sa) = (env.spec().obs_size, env.spec().action_size);
     let Agent { core, augment, .. } = agent;
     let probe = augment.probe(core, &reservoir.batch, scaling, &mut reservoir.rng)?;
+    // As in `model_error`: what is known would only make the errors of what is learned look smaller.
+    let known = augment.learned().map_or(&[][..], |it| it.world.known());
+    let learned: Vec<usize> = (0..so).filter(|j| !known.contains(j)).collect();
 
     let (mut next_obs, mut reward, mut ended) = (Vec::new(), Vec::new(), Vec::new());
     let mut observation = vec![0.0; so];
@@ -163,10 +167,10 @@ pub(super) fn measure(
         } else {
             &mut errors.dropped
         };
-        let pairs = probe.next_obs[i * so..][..so].iter().zip(&scaled[i * so..]);
-        let squares = pairs.map(|(a, b)| f64::from(a - b).powi(2));
+        let error = |j: &usize| f64::from(probe.next_obs[i * so + j] - scaled[i * so + j]);
+        let squares = learned.iter().map(|j| error(j).powi(2));
         sums.rows += 1;
-        sums.state += squares.sum::<f64>() / so as f64;
+        sums.state += squares.sum::<f64>() / learned.len() as f64;
         sums.reward += f64::from(probe.reward[i] - reward[i]).abs();
         sums.target += f64::from(probe.y_hat[i] - y[i]).abs();
     }

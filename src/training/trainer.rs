@@ -224,7 +224,7 @@ impl Trainer {
         let explore = |i: usize| -> Box<dyn Controller> {
             Box::new(Exploring {
                 policy: policy.clone(),
-                deviation: (deviation(&self.config, i) * spec.action_limit) as f32,
+                deviation: deviation(&self.config, i),
             })
         };
         (0..n).map(explore).collect()
@@ -434,7 +434,7 @@ impl Trainer {
     }
 }
 
-/// Deviation of the exploration noise in environment number `i`, as a fraction of the action limit.
+/// Deviation of the exploration noise in environment number `i`, as a fraction of half of each number's range.
 fn deviation(config: &Config, i: usize) -> f64 {
     match config.exploration.spread[..] {
         [low, high] => {

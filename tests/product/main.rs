@@ -1,5 +1,6 @@
 //! The program as people use it: commands, files, curves, documentation.
 
+mod action_ranges;
 mod cli;
 mod common;
 mod compare;

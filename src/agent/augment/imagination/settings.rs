@@ -46,9 +46,9 @@ pub struct ImaginationSettings {
     pub uncertainty_filter: bool,
     /// Deviation of the actions' noise before it is clipped; 1 is `N(0, 1)` of equation 7.
     pub noise_deviation: f64,
-    /// Whether that deviation is a fraction of the action limit.
+    /// Whether that deviation is a fraction of half of each action number's range.
     pub noise_relative: bool,
-    /// Bound `eta` of the noise at first, as a fraction of the action limit.
+    /// Bound `eta` of the noise at first, as a fraction of half of each action number's range.
     pub noise_bound: f64,
     /// `c` in equation 6.
     pub bias_factor: f64,
