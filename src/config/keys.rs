@@ -204,7 +204,13 @@ keys! {
     "imagination.noise_relative" => flag().or("false").of(Concern::Imagination);
     /// Bound `eta` of that noise at first, as a fraction of half of each action number's range.
     "imagination.noise_bound" => number(0.0, 10.0).or("1.0").of(Concern::Imagination);
-    /// `c` in equation 6, the factor of the critics' first bias.
+    /// What the critics' first bias is a part of: `c r* l`, of the return of the largest reward `r*` of phase 1 at each of
+    /// the `l` steps of an episode (`return`, equation 6), or `c r* / (1 - discount)`, of the discounted value of that
+    /// (`value`), where `c` below 1 is a part of what can be attained. A note at the beginning of phase 2 says the bias
+    /// beside that value.
+    "imagination.bias" => word(&["return", "value"]).or("\"return\"").of(Concern::Imagination)
+        .only_while("imagination.optimism", "true").young();
+    /// `c`, the factor of the critics' first bias.
     "imagination.bias_factor" => number(0.0, 1.0).or("0.16666666666666666").of(Concern::Imagination)
         .only_while("imagination.optimism", "true");
     /// `rho`: factor of the noise bound, per update.

@@ -22,6 +22,8 @@ pub struct Simulation<T: Task> {
     servos: Vec<Servo>,
     carried: T::Carried,
     elapsed_steps: usize,
+    /// How often a buffer had been full before the next step, as MuJoCo counts.
+    told_full: usize,
     watch: Option<Watch>,
 }
 
@@ -85,6 +87,7 @@ impl<T: Task> Simulation<T> {
             task,
             data,
             elapsed_steps: 0,
+            told_full: 0,
             watch: None,
         })
     }
@@ -142,6 +145,7 @@ impl<T: Task> Simulation<T> {
     /// Observes the state with which an episode begins.
     fn begin(&mut self, observation: &mut [f64]) {
         self.elapsed_steps = 0;
+        self.told_full = self.data.warnings().buffers_full();
         self.carried = self.task.carry(&self.data);
         self.observe(observation);
     }
@@ -235,6 +239,9 @@ impl<T: Task> Env for Simulation<T> {
         self.elapsed_steps += 1;
         self.carried = self.task.carry(&self.data);
         let finite = self.observe(observation);
+        let full = self.data.warnings().buffers_full();
+        let buffer_full = full > std::mem::replace(&mut self.told_full, full);
+        let success = self.task.success(&self.data);
         let reward = self.task.reward(&before, &self.carried, &self.data, action);
         if !(sound && finite && reward.is_finite()) {
             observation.fill(0.0);
@@ -243,7 +250,9 @@ impl<T: Task> Env for Simulation<T> {
                 terminated: false,
                 truncated: true,
                 diverged: true,
-                success: None,
+                buffer_full,
+                // Of a task that knows success, a failure.
+                success: success.map(|_| false),
             };
         }
         Step {
@@ -251,7 +260,8 @@ impl<T: Task> Env for Simulation<T> {
             terminated: self.task.terminated(&self.data),
             truncated: self.elapsed_steps >= self.spec.max_episode_steps,
             diverged: false,
-            success: self.task.success(&self.data),
+            buffer_full,
+            success,
         }
     }
 
@@ -293,6 +303,7 @@ impl<T: Task> Env for Simulation<T> {
         // Clears the warnings and whatever error stopped the simulation before; every array that
         // the next step reads is written below.
         let _ = self.data.reset();
+        self.told_full = 0;
         self.data.set_time(state.time);
         self.data.qpos_mut().copy_from_slice(&state.qpos);
         self.data.qvel_mut().copy_from_slice(&state.qvel);

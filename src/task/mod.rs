@@ -24,6 +24,8 @@ pub struct Step {
     /// The simulation blew up (MuJoCo's bad-state warnings, or a number that is not finite). The
     /// observation must not be stored; `truncated` is true as well.
     pub diverged: bool,
+    /// A buffer of the simulator was full, so that contacts or constraints were left out of the physics.
+    pub buffer_full: bool,
     /// Whether the goal is reached now; `None` for a task that knows no success. Success does not end
     /// an episode.
     pub success: Option<bool>,

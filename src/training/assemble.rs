@@ -172,6 +172,7 @@ impl Trainer {
             clock: Clock::new(0),
             best_return: None,
             last_return: None,
+            told_full: false,
             config,
             directory,
             curves,

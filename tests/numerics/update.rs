@@ -3,7 +3,7 @@
 
 use mamf::agent::augment::expansion::RolloutStep;
 use mamf::agent::augment::imagination::{
-    Draws, ImaginaryTargets, Imagination, ImaginationSettings,
+    Draws, ImaginaryTargets, Imagination, ImaginationSettings, OptimisticBias,
 };
 use mamf::agent::augment::{Augment, Expansion, ExpansionSettings, Plain};
 use mamf::agent::{
@@ -162,6 +162,7 @@ impl Case {
             noise_deviation: self.f("noise_deviation"),
             noise_relative: self.b("noise_relative"),
             noise_bound: 1.0,
+            bias: OptimisticBias::Return,
             bias_factor: 0.0,
             decay_rate: self.f("rho"),
             target_comparison: serde_json::from_value(comparison.into()).unwrap(),

@@ -7,6 +7,7 @@ mod compare;
 mod demo;
 mod demonstrations_format;
 mod envs_command;
+mod full_buffers;
 mod paper;
 mod plots;
 mod properties;

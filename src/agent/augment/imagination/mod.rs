@@ -4,9 +4,11 @@ mod filters;
 mod settings;
 
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
-pub use settings::{ImaginaryLossMean, ImaginationSettings, TargetComparison, UncertaintyScale};
+pub use settings::{
+    ImaginaryLossMean, ImaginationSettings, OptimisticBias, TargetComparison, UncertaintyScale,
+};
 
-use super::{Augment, Learned, Probe};
+use super::{Augment, Learned, Phase1, Probe};
 use crate::agent::core::{ActorCritic, CriticRows, Inputs, Values};
 use crate::agent::sample::standard_normal;
 use crate::agent::{Metrics, Sample};
@@ -33,8 +35,8 @@ pub struct Imagination {
     target_filter: Option<TargetFilter>,
     uncertainty_filter: Option<UncertaintyFilter>,
     loss_mean: ImaginaryLossMean,
-    /// `c` of equation 6, if the critics start optimistically.
-    optimism: Option<f64>,
+    /// What the bias is a part of, and `c`, the part, if the critics start optimistically.
+    optimism: Option<(OptimisticBias, f64)>,
     rng: Stream,
     draws: Draws,
     last: ImaginaryTargets,
@@ -115,7 +117,9 @@ impl Imagination {
             uncertainty_filter: uncertainty
                 .then(|| UncertaintyFilter::new(settings.uncertainty_scale)),
             loss_mean: settings.imaginary_loss_mean,
-            optimism: settings.optimism.then_some(settings.bias_factor),
+            optimism: settings
+                .optimism
+                .then_some((settings.bias, settings.bias_factor)),
             rng: stream(seed, "imagination"),
             draws: Draws::default(),
             last: ImaginaryTargets::default(),
@@ -198,11 +202,16 @@ impl Augment for Imagination {
         Some(&mut self.learned)
     }
 
-    /// `b = r* l c` (equation 6).
-    fn begin(&mut self, core: &mut ActorCritic, most: f64) {
-        if let Some(factor) = self.optimism {
-            core.set_optimism((most * factor) as f32);
-        }
+    /// `b = r* l c` (equation 6), or `b = c r* / (1 - gamma)`.
+    fn begin(&mut self, core: &mut ActorCritic, seen: &Phase1) -> Option<f64> {
+        let (bias, factor) = self.optimism?;
+        let most = match bias {
+            OptimisticBias::Return => seen.highest_return(),
+            OptimisticBias::Value => seen.highest_value(),
+        };
+        let bias = most * factor;
+        core.set_optimism(bias as f32);
+        Some(bias)
     }
 
     fn can_probe(&self) -> bool {
