@@ -261,7 +261,8 @@ keys! {
 
     /// Tensor library that networks are trained with.
     "compute.backend" => word(&["flex", "ndarray"]).or("\"flex\"");
-    /// Threads. Results do not depend on it.
+    /// Threads, but no more than the process has cores, by its affinity and the quota of its control groups. Results do not
+    /// depend on it.
     "compute.threads" => whole(1, MOST_THREADS).or("2").on_resume(Resume::Free);
 }
 

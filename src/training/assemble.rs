@@ -11,6 +11,7 @@ use super::{Evaluator, TrainError};
 use crate::agent::augment::{Augment, Expansion, Imagination, Plain};
 use crate::agent::{ActorCritic, Agent, AgentSettings, Imitation, Policy, TargetRule};
 use crate::config::{Addition, Config, DoubledActions};
+use crate::core::parallel::check_threads;
 use crate::core::random::stream;
 use crate::env::{self, Inspect, MakeError};
 use crate::model::{DynamicsModel, DynamicsShape, RewardSource, World};
@@ -124,6 +125,7 @@ impl Trainer {
         let mut agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
         agent.recorded = recorded(&config, demonstrations.as_ref())?;
         let replay = empty_replay(&config, spec)?;
+        require_threads(&config)?;
         let directory = directory()?;
         directory.write(CONFIG_TOML, &config.to_toml())?;
         directory.write(RUN_JSON, &run_json(Provenance::here()))?;
@@ -178,6 +180,12 @@ impl Trainer {
             curves,
         })
     }
+}
+
+/// Makes sure, before anything is written, that the threads of a run can be started.
+pub(super) fn require_threads(config: &Config) -> Result<(), TrainError> {
+    let threads = config.compute.threads;
+    check_threads(threads).map_err(|error| TrainError::Threads { threads, error })
 }
 
 /// An empty replay buffer with the memory that a full one takes.

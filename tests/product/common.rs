@@ -143,11 +143,11 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// What went to standard error, but for the size of the replay buffer that every run begins with.
+/// What went to standard error, but for the memory that every run and sweep begins with.
 pub fn messages(output: &Output) -> String {
     let said = stderr(output);
     let lines = said
         .lines()
-        .filter(|line| !line.starts_with("replay buffer: "));
+        .filter(|line| !line.starts_with("replay buffer: ") && !line.starts_with("memory: "));
     lines.map(|line| format!("{line}\n")).collect()
 }
