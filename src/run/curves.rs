@@ -352,3 +352,57 @@ impl Table {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_curve_that_an_older_version_began_keeps_its_columns() {
+        let directory = tempfile::tempdir().unwrap();
+        let (files, path) = (Files::default(), directory.path());
+        let header = names(&EVAL[..FIRST_COLUMNS]).join(",");
+        let old = format!("{header}\n0,2,1.5,0.0,1.5,1.5,50.0,\n");
+        for name in CURVES {
+            fs::write(path.join(name), if name == "eval.csv" { &old } else { "" }).unwrap();
+        }
+        let seals = BTreeMap::from([("eval.csv".to_owned(), Seal::of(old.as_bytes()))]);
+        let mut curves = Curves::open(&files, path, &seals).unwrap();
+        let row = EvalRow {
+            step: 100,
+            episodes: 2,
+            return_mean: 2.5,
+            return_std: 0.0,
+            return_min: 2.5,
+            return_max: 2.5,
+            length_mean: 50.0,
+            success_rate: None,
+            diverged: 1,
+            buffers_full: 3,
+        };
+        curves.evaluated(&row).unwrap();
+        let text = fs::read_to_string(path.join("eval.csv")).unwrap();
+        assert_eq!(text, format!("{old}100,2,2.5,0.0,2.5,2.5,50.0,\n"));
+        let rows = read_evaluations(&path.join("eval.csv")).unwrap();
+        assert_eq!((rows[1].return_mean, rows[1].diverged), (2.5, 0));
+    }
+
+    #[test]
+    fn headers_are_those_of_some_version() {
+        let header = |columns: usize| names(&EVAL[..columns]).join(",");
+        for columns in FIRST_COLUMNS..=EVAL.len() {
+            assert!(is_header(&header(columns), &EVAL, FIRST_COLUMNS));
+        }
+        assert!(!is_header(&header(FIRST_COLUMNS - 1), &EVAL, FIRST_COLUMNS));
+        assert!(!is_header(
+            &(header(EVAL.len()) + ",more"),
+            &EVAL,
+            FIRST_COLUMNS
+        ));
+        assert!(!is_header(
+            &header(EVAL.len()).replace("diverged", "else"),
+            &EVAL,
+            FIRST_COLUMNS
+        ));
+    }
+}

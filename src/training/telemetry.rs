@@ -349,6 +349,62 @@ mod tests {
     }
 
     #[test]
+    fn errors_are_means_over_what_is_learned_alone() {
+        let config = Config {
+            task: "EggHandOver-v0".into(),
+            ..Config::preset(Method::Mamf)
+        };
+        let mut env = crate::training::make_env(&config).unwrap();
+        let spec = env.spec().clone();
+        let rules = crate::training::make_rules(&config, &spec).unwrap();
+        let learned: Vec<usize> = (0..spec.obs_size)
+            .filter(|j| !rules.known().contains(j))
+            .collect();
+        assert!(learned.len() < spec.obs_size, "the goal is known");
+        let mut agent = crate::training::fresh_agent(&config, &spec, rules);
+        let scaling = ObservationScaling::identity(spec.obs_size);
+        let mut obs = vec![0.0; spec.obs_size];
+        env.reset(&mut stream(8, "env"), &mut obs);
+        let mut reservoir = Reservoir::new(8, stream(8, "telemetry"));
+        let zeros = vec![0.0f32; spec.action_size];
+        for _ in 0..8 {
+            let (place, state, before) = (reservoir.places(1)[0], env.snapshot(), single(&obs));
+            let step = env.step(&vec![0.0; spec.action_size], &mut obs);
+            let transition = Transition {
+                obs: &before,
+                action: &zeros,
+                reward: step.reward as f32,
+                next_obs: &single(&obs),
+                terminated: false,
+                previous_action: &zeros,
+            };
+            reservoir.keep(place.unwrap(), state, &transition);
+        }
+        let Agent { core, augment, .. } = &mut agent;
+        let probe = augment
+            .probe(core, &reservoir.batch, &scaling, &mut reservoir.rng.clone())
+            .unwrap();
+        let mut sums = [0.0, 0.0];
+        for (i, state) in reservoir.states.iter().enumerate() {
+            env.restore(state).unwrap();
+            let action = &probe.action[i * spec.action_size..][..spec.action_size];
+            let action: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
+            env.step(&action, &mut obs);
+            let error = |j: &usize| {
+                f64::from(probe.next_obs[i * spec.obs_size + j] - obs[*j] as f32).powi(2)
+            };
+            let mean = learned.iter().map(error).sum::<f64>() / learned.len() as f64;
+            sums[usize::from(probe.kept.contains(&i))] += mean;
+        }
+        let errors = measure(&agent, &mut reservoir, env.as_mut(), &scaling).unwrap();
+        let found = errors.dropped.state + errors.kept.state;
+        assert!(
+            (found / (sums[0] + sums[1]) - 1.0).abs() < 1e-9,
+            "{found} {sums:?}"
+        );
+    }
+
+    #[test]
     fn the_bias_is_value_minus_return() {
         let config = Config::preset(Method::Td3);
         let spec = env::make("InvertedPendulum-v4").unwrap().0.spec().clone();

@@ -488,22 +488,18 @@ fn optimism(bias: f64, seen: &Phase1) -> String {
         );
     }
     let beside = format!("{begins}, beside {value:.4} that can be attained at most ({from})");
-    if most > 0.0 {
-        let times = bias / value;
-        let kind = if times > 1.0 {
-            ", more than any policy can reach"
-        } else {
-            ""
-        };
-        return format!("{beside}: {times:.2} times that{kind}");
+    if most == 0.0 {
+        return format!("{beside}: no optimism, for no reward of phase 1 was above 0");
     }
-    if bias < value {
-        return format!("{beside}: pessimism, for it lies below what can be attained");
-    }
-    if most < 0.0 {
-        return format!("{beside}: it lowers the critics, for no reward of phase 1 was above 0");
-    }
-    format!("{beside}: no optimism, for no reward of phase 1 was above 0")
+    let times = bias / value;
+    let kind = match (most > 0.0, times > 1.0) {
+        (true, true) => ", more than any policy can reach",
+        (true, false) => "",
+        // Fresh critics say about 0.
+        (false, true) => "; pessimism, for it lies below what can be attained",
+        (false, false) => "; pessimism beside fresh critics, for no reward of phase 1 was above 0",
+    };
+    format!("{beside}: {times:.2} times that{kind}")
 }
 
 /// Deviation of the exploration noise in environment number `i`, as a fraction of half of each number's range.

@@ -1,6 +1,7 @@
 //! The program as people use it: commands, files, curves, documentation.
 
 mod action_ranges;
+mod another_build;
 mod cli;
 mod common;
 mod compare;

@@ -5,8 +5,8 @@ use crate::env::{self, MakeError};
 use crate::run::ReplayMemory;
 use std::collections::BTreeMap;
 
-/// What a run takes beside its replay buffer: program, libraries, networks with their moments, simulators. Measured:
-/// some 60 MB on Hopper, 190 MB on a two-hand task.
+/// What a run takes beside its replay buffer: program, libraries, networks with their moments, simulators. Measured,
+/// with networks of 256: some 100 MB on Hopper and on a two-hand task.
 const BESIDE: u64 = 200_000_000;
 
 /// Bytes that each of some runs takes with a full replay buffer.
