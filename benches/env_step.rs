@@ -24,7 +24,7 @@ fn env_step(criterion: &mut Criterion) {
             }
         };
         let mut rng = stream(0, "bench");
-        let limit = env.spec().action_limit;
+        let limit = env.spec().action_ranges[0].high;
         let mut action = vec![0.0; env.spec().action_size];
         let mut observation = vec![0.0; env.spec().obs_size];
         env.reset(&mut rng, &mut observation);

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use criterion::{Criterion, criterion_group, criterion_main};
 use mamf::core::parallel::with_threads;
 use mamf::core::random::{fill_normal, stream};
+use mamf::core::span::Span;
 use mamf::env;
 use mamf::nn::Coupling;
 use mamf::planning::{MakeEnv, Origin, Rollouts, Shape};
@@ -45,14 +46,10 @@ impl Case {
         let shape = Shape {
             horizon: HORIZON,
             action_size: spec.action_size,
-            limit: 1.0,
             episode: spec.max_episode_steps,
         };
         // Without coupling the sequence is what is executed.
-        let coupling = Coupling {
-            beta: 1.0,
-            limit: 1.0,
-        };
+        let coupling = Coupling::new(1.0, &vec![Span::symmetric(1.0); spec.action_size]);
         let mut sequences = vec![0.0; SEQUENCES * shape.numbers()];
         fill_normal(&mut stream(1, "bench"), &mut sequences);
         shape.clip(&mut sequences);
@@ -68,7 +65,7 @@ impl Case {
         let make: MakeEnv = Arc::new(move || -> Box<dyn Env> { env::make(id).expect("a task").0 });
         let model = env::model(id).expect("a model");
         Case {
-            rollouts: [1, 2].map(|n| Rollouts::new(&make, n, shape, coupling, 0.0)),
+            rollouts: [1, 2].map(|n| Rollouts::new(&make, n, shape, coupling.clone(), 0.0)),
             bare: Data::new(model).expect("memory"),
             obs: vec![0.0; spec.obs_size],
             previous: vec![0.0; spec.action_size],

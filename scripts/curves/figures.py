@@ -4,10 +4,19 @@ Every label has a colour, a dash pattern and a marker of its own, so that lines 
 readers and in print without colours.
 """
 
+import os
 import textwrap
+from pathlib import Path
 
+# A matplotlibrc of the working directory or of the user, and MPLBACKEND, would change every figure, or end the script
+# where they can't be read. Nobody asked for that here: the first one that is found is the empty one of this folder.
+os.environ.pop("MPLBACKEND", None)
+started_in = os.open(".", os.O_RDONLY)
+os.chdir(Path(__file__).resolve().parent)
 import matplotlib
 
+os.fchdir(started_in)
+os.close(started_in)
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np

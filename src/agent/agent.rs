@@ -153,7 +153,12 @@ impl Agent {
     pub fn policy(&self, scaling: &ObservationScaling) -> Policy {
         let settings = &self.core.settings;
         let actor = self.core.actor().clone();
-        Policy::new(actor, settings.base, scaling.clone(), settings.coupling)
+        Policy::new(
+            actor,
+            settings.base,
+            scaling.clone(),
+            settings.coupling.clone(),
+        )
     }
 
     /// All networks by name: `actor`, `critic1`, `critic2`, their targets `target_actor` and so on as far as the base

@@ -3,7 +3,8 @@
 use super::BaseAlgorithm;
 use super::core::sample_in_place;
 use crate::core::random::{Stream, fill_normal};
-use crate::nn::{Coupling, Mlp, ObservationScaling};
+use crate::core::span::Span;
+use crate::nn::{Coupling, Mlp, ObservationScaling, Range};
 use crate::task::Env;
 use rand::RngExt;
 
@@ -63,24 +64,25 @@ impl Policy {
         action
     }
 
-    /// As [`act`](Policy::act), with normal noise of the given `deviation` on the policy's output; a stochastic policy
-    /// is sampled instead.
+    /// As [`act`](Policy::act), with normal noise on the policy's output, whose `deviation` is a fraction of half of each
+    /// number's range; a stochastic policy is sampled instead.
     pub fn explore(
         &self,
         obs: &[f32],
         previous: &[f32],
-        deviation: f32,
+        deviation: f64,
         rng: &mut Stream,
     ) -> Vec<f32> {
         let mut noise = vec![0.0; previous.len()];
         fill_normal(rng, &mut noise);
         let mut action = self.network(obs, previous);
         if self.base.is_stochastic() {
-            action = sample_in_place(&action, &noise, previous.len(), self.coupling, None);
+            action = sample_in_place(&action, &noise, &self.coupling, None);
         } else {
             self.coupling.output_in_place(&mut action);
-            for (u, z) in action.iter_mut().zip(noise) {
-                *u += deviation * z;
+            let ranges = self.coupling.ranges();
+            for ((u, z), range) in action.iter_mut().zip(noise).zip(ranges) {
+                *u += (deviation * range.span.half()) as f32 * z;
             }
         }
         self.coupling.execute_in_place(&mut action, previous);
@@ -120,8 +122,8 @@ impl Controller for Policy {
 pub struct Exploring {
     /// What is explored around.
     pub policy: Policy,
-    /// Deviation of the noise, in units of actions.
-    pub deviation: f32,
+    /// Deviation of the noise, as a fraction of half of each number's range.
+    pub deviation: f64,
 }
 
 impl Controller for Exploring {
@@ -136,32 +138,31 @@ impl Controller for Exploring {
 }
 
 /// Uniformly random actions, coupled like any other (phase 1).
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct RandomActions {
-    /// How they are coupled, and their limit.
+    /// How they are coupled, and their ranges.
     pub coupling: Coupling,
 }
 
 impl RandomActions {
-    /// Actions within plus and minus `limit`, not coupled.
-    pub fn within(limit: f64) -> RandomActions {
+    /// Actions within `ranges`, not coupled.
+    pub fn within(ranges: &[Span]) -> RandomActions {
         RandomActions {
-            coupling: Coupling { beta: 1.0, limit },
+            coupling: Coupling::new(1.0, ranges),
         }
     }
 }
 
 impl Controller for RandomActions {
     fn act(&mut self, moment: &Moment<'_>, rng: &mut Stream) -> Vec<f32> {
-        let limit = self.coupling.limit as f32;
-        let draw = |_: &f32| rng.random_range(-limit..=limit);
-        let mut action: Vec<f32> = moment.previous.iter().map(draw).collect();
+        let draw = |range: &Range| rng.random_range(range.low..=range.high);
+        let mut action: Vec<f32> = self.coupling.ranges().iter().map(draw).collect();
         self.coupling.execute_in_place(&mut action, moment.previous);
         action
     }
 
     fn another(&self) -> Box<dyn Controller> {
-        Box::new(*self)
+        Box::new(self.clone())
     }
 }
 
@@ -205,10 +206,9 @@ mod tests {
     use crate::core::random::stream;
     use crate::nn::Architecture;
 
-    const COUPLING: Coupling = Coupling {
-        beta: 0.7,
-        limit: 2.0,
-    };
+    fn coupling() -> Coupling {
+        Coupling::new(0.7, &[Span::symmetric(2.0)])
+    }
 
     fn policy(base: BaseAlgorithm) -> Policy {
         let outputs = if base.is_stochastic() { 2 } else { 1 };
@@ -216,7 +216,7 @@ mod tests {
             &Architecture::relu(&[4, 8, outputs]),
             &mut stream(3, "actor"),
         );
-        Policy::new(actor, base, ObservationScaling::identity(3), COUPLING)
+        Policy::new(actor, base, ObservationScaling::identity(3), coupling())
     }
 
     fn moments(draws: &[f32]) -> (f64, f64) {
@@ -237,12 +237,12 @@ mod tests {
                 .map(|_| policy.explore(&obs, &previous, deviation, rng)[0])
                 .collect()
         };
-        let (mean, deviation) = moments(&draw(0.2));
+        let (mean, deviation) = moments(&draw(0.1));
         let centre = f64::from(policy.act(&obs, &previous)[0]);
-        // beta times 0.2, as the rest of the action is the previous one.
+        // beta times 0.1 of 2, as the rest of the action is the previous one.
         assert!((mean - centre).abs() < 4.0 * 0.14 / f64::from(n).sqrt());
         assert!((deviation - 0.14).abs() < 0.003, "{deviation}");
-        let clipped = draw(50.0);
+        let clipped = draw(25.0);
         assert!(clipped.iter().all(|a| a.abs() <= 2.0));
         let at_limit = clipped.iter().filter(|a| a.abs() == 2.0).count();
         assert!(at_limit as f64 > 0.9 * f64::from(n));
@@ -271,7 +271,9 @@ mod tests {
             step: 0,
             env: env.as_ref(),
         };
-        let mut random = RandomActions { coupling: COUPLING };
+        let mut random = RandomActions {
+            coupling: coupling(),
+        };
         let rng = &mut stream(1, "exploration");
         let draws: Vec<f32> = (0..20_000).map(|_| random.act(&moment, rng)[0]).collect();
         // 0.7 u + 0.3 p with u uniform in [-2, 2].

@@ -29,7 +29,7 @@ impl BaseAlgorithm {
     }
 }
 
-/// Target policy smoothing of TD3, in fractions of the action limit.
+/// Target policy smoothing of TD3, in fractions of half of each action number's range.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SmoothingSettings {

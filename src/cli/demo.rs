@@ -247,6 +247,7 @@ mod tests {
             episode_return: 1.5,
             length: 75,
             diverged: false,
+            buffers_full: 0,
             success: None,
         };
         assert_eq!(line(0, &result), "episode_0001  return 1.50  length 75");

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
+use crate::core::span::in_words;
 use crate::core::table::{Column, Table};
 use crate::env::{self, Info, Velocity};
 use crate::task::Spec;
@@ -45,7 +46,7 @@ fn list(out: &mut impl Write) -> anyhow::Result<()> {
             id.to_owned(),
             spec.obs_size.to_string(),
             spec.action_size.to_string(),
-            format!("+-{}", spec.action_limit),
+            in_words(&spec.action_ranges),
             spec.max_episode_steps.to_string(),
             seconds(spec.dt).to_string(),
         ]);
@@ -69,8 +70,9 @@ fn describe(out: &mut impl Write, info: &Info, spec: &Spec) -> std::io::Result<(
     writeln!(out, "episode       {} steps", spec.max_episode_steps)?;
     writeln!(
         out,
-        "action        {} numbers within +-{}",
-        spec.action_size, spec.action_limit
+        "action        {} numbers within {}",
+        spec.action_size,
+        in_words(&spec.action_ranges)
     )?;
     writeln!(out, "observation   {} numbers", spec.obs_size)?;
     for (start, block) in info.blocks() {

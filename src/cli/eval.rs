@@ -66,9 +66,11 @@ fn report(checkpoint: &Checkpoint, e: &Evaluation) -> std::io::Result<()> {
     if let Some(rate) = e.success_rate() {
         row("success", format!("{:.1} %", 100.0 * rate));
     }
-    let diverged = e.episodes.iter().filter(|episode| episode.diverged).count();
-    if diverged > 0 {
-        row("diverged", diverged.to_string());
+    if e.diverged() > 0 {
+        row("diverged", e.diverged().to_string());
+    }
+    if e.buffers_full() > 0 {
+        row("buffers full", format!("in {} steps", e.buffers_full()));
     }
     write!(out, "{table}")
 }

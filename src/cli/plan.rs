@@ -281,6 +281,7 @@ mod tests {
             episode_return: 500.0,
             length: 75,
             diverged: false,
+            buffers_full: 0,
             success: Some(true),
         };
         assert!(Keep::Success.admits(&result) && !Keep::Above(500.0).admits(&result));

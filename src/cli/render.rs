@@ -91,7 +91,7 @@ impl Actions {
     fn controller(self, spec: &Spec) -> Box<dyn Controller> {
         match self {
             Actions::Zero => Box::new(Zero),
-            Actions::Random => Box::new(RandomActions::within(spec.action_limit)),
+            Actions::Random => Box::new(RandomActions::within(&spec.action_ranges)),
         }
     }
 }

@@ -115,6 +115,7 @@ pub(super) fn run(args: &Args, submission: Submission<'_>) -> anyhow::Result<Exi
         arguments: submission.arguments,
         logs: directory.join(&logs),
         directory,
+        most: slurm::most_elements(),
     };
     let text = slurm::script(&args.request(name), &elements)?;
     if args.print {
@@ -129,6 +130,12 @@ pub(super) fn run(args: &Args, submission: Submission<'_>) -> anyhow::Result<Exi
         std::fs::create_dir_all(folder).map_err(FileError::at(folder))?;
     }
     Files::default().replace(&path, text.as_bytes())?;
+    for (variable, value) in slurm::deciding() {
+        let (variable, value) = (variable.display(), value.display());
+        tell(&format!(
+            "note: {variable}={value} of the environment is left out; --sbatch gives sbatch further options"
+        ));
+    }
     let job = sbatch.submit(&path)?;
     leave_out();
     let (logs, path) = (logs.display(), path.display());

@@ -2,9 +2,13 @@
 
 use super::live::LiveTable;
 use super::{FAILED, INTERRUPTED, Misuse, signals, slurm, tell, whole};
+use crate::core::parallel::cores;
 use crate::core::table::{Column, Table};
-use crate::lab::sweep::{self, Changes, Ended, Outcome, Plan, PlannedRun, Standing, Sweep};
-use crate::run::{LockError, RunDirectory, RunDirectoryError};
+use crate::lab::sweep::memory::{Budget, needs};
+use crate::lab::sweep::{
+    self, Changes, Ended, Outcome, Plan, PlannedRun, Program, Standing, Sweep,
+};
+use crate::run::{LockError, RunDirectory, RunDirectoryError, memory};
 use anyhow::Context;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -45,6 +49,9 @@ pub struct Args {
     /// Make only the run of this number in the list, which begins with 0
     #[arg(long, value_name = "K")]
     task_index: Option<usize>,
+    /// Go on with interrupted runs although another build of mamf began them, whose results may differ; run.json tells
+    #[arg(long)]
+    accept_program: bool,
     #[command(flatten)]
     slurm: Box<slurm::Args>,
 }
@@ -83,8 +90,11 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
     let cores = args.cores();
     let jobs = args.jobs.map_or(cores, usize::from).min(runs.len());
+    let program = std::env::current_exe().context("where this program lies")?;
     let plan = Plan {
-        program: std::env::current_exe().context("where this program lies")?,
+        program: Program::own(&program),
+        accept_program: args.accept_program,
+        budget: budget(&runs, jobs, &out)?,
         out,
         jobs,
         // A second thread takes up half of an update at best; a third one nothing.
@@ -101,6 +111,41 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
     conclude(&outcomes, &plan)
+}
+
+/// What the runs that are left take together, of which the user is told, and what there is.
+fn budget(runs: &[PlannedRun], jobs: usize, out: &Path) -> anyhow::Result<Option<Budget>> {
+    let Some(available) = memory::available() else {
+        return Ok(None);
+    };
+    let left =
+        |run: &PlannedRun| Standing::of(&out.join(&run.name), &run.config) != Standing::Finished;
+    let all = needs(runs)?;
+    let needs = all
+        .iter()
+        .zip(runs)
+        .map(|(need, run)| if left(run) { *need } else { 0 });
+    let budget = Budget {
+        available,
+        needs: needs.collect(),
+    };
+    let mut largest = budget.needs.clone();
+    largest.sort_unstable_by(|a, b| b.cmp(a));
+    let beside: u64 = largest.iter().take(jobs).sum();
+    if beside > 0 {
+        let [beside, spare] = [beside, available].map(memory::bytes);
+        tell(&format!(
+            "memory: up to {beside} for {jobs} at a time, of {spare} to spare"
+        ));
+    }
+    let fitting = budget.side_by_side(jobs);
+    if fitting < jobs {
+        let largest = memory::bytes(largest[0]);
+        tell(&format!(
+            "note: only {fitting} of {jobs} fit side by side (up to {largest} each); the others wait; a smaller replay.capacity takes less"
+        ));
+    }
+    Ok(Some(budget))
 }
 
 /// A number from 1 that Slurm left in the environment.
@@ -131,7 +176,7 @@ impl Args {
     /// Cores that are ours. Slurm's allotment to an element of an array counts, as not every cluster binds
     /// processes to it.
     fn cores(&self) -> usize {
-        let found = std::thread::available_parallelism().map_or(1, usize::from);
+        let found = cores();
         let allotted = slurm_number("SLURM_CPUS_PER_TASK");
         let allotted = allotted.filter(|_| self.task_index.is_some());
         allotted.map_or(found, |allotted| allotted.min(found))
@@ -150,6 +195,9 @@ impl Args {
         }
         for setting in &self.set {
             words.extend(["--set".into(), setting.into()]);
+        }
+        if self.accept_program {
+            words.push("--accept-program".into());
         }
         if let Some(steps) = self.steps {
             words.extend(["--steps".into(), steps.to_string().into()]);

@@ -108,7 +108,7 @@ keys! {
     /// `beta` in `a = beta u + (1 - beta) p`: share of the policy's output `u` in the executed action, the rest being
     /// the previous executed action `p`. 1 is plain TD3.
     "action_coupling" => positive(1.0).or("0.7");
-    /// Standard deviation of the exploration noise, as a fraction of the action limit.
+    /// Standard deviation of the exploration noise, as a fraction of half of each action number's range.
     "exploration_noise" => number(0.0, 10.0).or("0.1").of(Concern::ExplorationNoise)
         .only_while("exploration.spread", "[]");
     /// Learning steps between two updates of the actor and the target networks.
@@ -127,7 +127,7 @@ keys! {
     /// Environment steps between two learning steps in phase 2, and between two steps of the dynamics model in phase 1.
     "updates.every" => whole(1, LARGEST).or("1").young();
 
-    /// Standard deviations of the exploration noise as fractions of the action limit, spread evenly over the
+    /// Standard deviations of the exploration noise as fractions of half of each action number's range, spread evenly over the
     /// environments in place of `exploration_noise`: environment i of N, from 0, has `low + (high - low) i / (N - 1)`.
     "exploration.spread" => key(Range::Span { most: 10.0 }).or("[]").of(Concern::ExplorationNoise).young();
 
@@ -141,9 +141,9 @@ keys! {
     /// parameters, or division by the mean absolute value.
     "networks.critic_normalisation" => word(&["none", "layer", "average_l1"]).or("\"none\"").young();
 
-    /// Standard deviation of the target policy's noise, as a fraction of the action limit.
+    /// Standard deviation of the target policy's noise, as a fraction of half of each action number's range.
     "target_smoothing.deviation" => number(0.0, 10.0).or("0.2").of(Concern::Smoothing);
-    /// Bound of that noise, as a fraction of the action limit.
+    /// Bound of that noise, as a fraction of half of each action number's range.
     "target_smoothing.clip" => number(0.0, 10.0).or("0.5").of(Concern::Smoothing);
 
     /// The temperature (weight of the policy's entropy) at first.
@@ -203,11 +203,17 @@ keys! {
     /// Standard deviation of the imagined actions' noise before it is clipped (equation 7), in units of the action, or
     /// as `noise_relative` says.
     "imagination.noise_deviation" => number(0.0, 10.0).or("1.0").of(Concern::Imagination);
-    /// Whether that deviation is a fraction of the action limit.
+    /// Whether that deviation is a fraction of half of each action number's range.
     "imagination.noise_relative" => flag().or("false").of(Concern::Imagination);
-    /// Bound `eta` of that noise at first, as a fraction of the action limit.
+    /// Bound `eta` of that noise at first, as a fraction of half of each action number's range.
     "imagination.noise_bound" => number(0.0, 10.0).or("1.0").of(Concern::Imagination);
-    /// `c` in equation 6, the factor of the critics' first bias.
+    /// What the critics' first bias is a part of: `c r* l`, of the return of the largest reward `r*` of phase 1 at each of
+    /// the `l` steps of an episode (`return`, equation 6), or `c r* / (1 - discount)`, of the discounted value of that
+    /// (`value`), where `c` below 1 is a part of what can be attained. A note at the beginning of phase 2 says the bias
+    /// beside that value.
+    "imagination.bias" => word(&["return", "value"]).or("\"return\"").of(Concern::Imagination)
+        .only_while("imagination.optimism", "true").young();
+    /// `c`, the factor of the critics' first bias.
     "imagination.bias_factor" => number(0.0, 1.0).or("0.16666666666666666").of(Concern::Imagination)
         .only_while("imagination.optimism", "true");
     /// `rho`: factor of the noise bound, per update.
@@ -269,7 +275,7 @@ keys! {
     "planner.first_iterations" => whole(1, 10_000).or("10").of_planner();
     /// Best sequences that the next ones are made of, of `icem` and `topdm`.
     "planner.elites" => whole(1, 100_000).or("10").of_planner();
-    /// Standard deviation of new sequences, as a fraction of the action limit.
+    /// Standard deviation of new sequences, as a fraction of half of each number's range.
     "planner.noise" => positive(10.0).or("0.5").of_planner();
     /// Exponent of the noise's power over frequency, of `icem` and `mppi`: 0 is white, 2 is smooth.
     "planner.colour" => number(0.0, 10.0).or("2.0").of_planner();
@@ -281,7 +287,7 @@ keys! {
     "planner.keep" => number(0.0, 1.0).or("0.3").of_planner();
     /// Probability that a number of a copied sequence changes, of `topdm`.
     "planner.mutation_probability" => positive(1.0).or("0.3").of_planner();
-    /// Standard deviation of that change, as a fraction of the action limit.
+    /// Standard deviation of that change, as a fraction of half of each number's range.
     "planner.mutation_noise" => positive(10.0).or("0.3").of_planner();
     /// Temperature on the standardised scores, of `mppi`.
     "planner.temperature" => positive(1e3).or("0.1").of_planner();
@@ -298,7 +304,8 @@ keys! {
 
     /// Tensor library that networks are trained with.
     "compute.backend" => word(&["flex", "ndarray"]).or("\"flex\"");
-    /// Threads. Results do not depend on it.
+    /// Threads, but no more than the process has cores, by its affinity and the quota of its control groups. Results do not
+    /// depend on it.
     "compute.threads" => whole(1, MOST_THREADS).or("2").on_resume(Resume::Free);
 }
 

@@ -1,6 +1,7 @@
 //! What must hold between settings; the range of each stands in the table of keys.
 
 use super::Config;
+use crate::agent::augment::imagination::OptimisticBias;
 use crate::planning::PlannerMethod;
 
 /// A setting that does not go with the others: its dotted key and what would be right.
@@ -73,6 +74,11 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
             },
         )?;
     }
+    let i = &c.imagination;
+    let is_value = i.optimism && i.bias == OptimisticBias::Value;
+    require(!is_value || c.discount < 1.0, "imagination.bias", || {
+        "return, for without a discount (it is 1) no value bounds what can be attained".into()
+    })?;
     let phase_1 = c.random_steps;
     require(c.batch_size as u64 <= phase_1, "batch_size", || {
         format!("at most random_steps ({phase_1}), the transitions phase 1 delivers")

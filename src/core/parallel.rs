@@ -5,7 +5,28 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Runs `task` on a pool of `threads` threads, a second one of which stays awake until `task` ends.
+/// Cores that this process has: those that it may run on, within the quota of its control groups.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Makes sure that so many threads can be started.
+///
+/// # Errors
+/// When they can't.
+pub fn check_threads(threads: usize) -> Result<(), rayon::ThreadPoolBuildError> {
+    pool(threads).map(drop)
+}
+
+/// A pool of so many threads, but no more than there are cores: a thread without a core of its own takes the time of one
+/// that works.
+fn pool(threads: usize) -> Result<rayon::ThreadPool, rayon::ThreadPoolBuildError> {
+    let threads = threads.min(cores()).max(1);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build()
+}
+
+/// Runs `task` on a pool of `threads` threads, or of as many as there are cores if these are fewer, a second one of which
+/// stays awake until `task` ends.
 ///
 /// An update is a dozen pieces of a fraction of a millisecond. A sleeping thread takes about 70
 /// microseconds to take up its half of each of them; one that keeps looking for work takes none.
@@ -16,9 +37,7 @@ pub fn with_threads<T: Send>(
     threads: usize,
     task: impl FnOnce() -> T + Send,
 ) -> Result<T, rayon::ThreadPoolBuildError> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()?;
+    let pool = pool(threads)?;
     let done = AtomicBool::new(false);
     let (result, ()) = pool.join(
         || {
@@ -101,6 +120,14 @@ mod tests {
         let one = sums(1).unwrap();
         assert_eq!(one, sums(2).unwrap());
         assert_eq!(one, sums(3).unwrap());
+    }
+
+    #[test]
+    fn no_thread_is_without_a_core() {
+        for threads in [1, 2, 100] {
+            let started = with_threads(threads, rayon::current_num_threads).unwrap();
+            assert_eq!(started, threads.min(cores()));
+        }
     }
 
     #[test]

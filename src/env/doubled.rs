@@ -62,6 +62,7 @@ pub fn doubled(inner: Box<dyn Inspect>, period: usize) -> Box<dyn Inspect> {
     let spec = Spec {
         obs_size: spec.obs_size + 1,
         action_size: 2 * spec.action_size,
+        action_ranges: spec.action_ranges.repeat(2),
         ..spec.clone()
     };
     Box::new(Doubled {

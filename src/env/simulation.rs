@@ -7,6 +7,7 @@ use mujoco_rs::{Data, Model};
 use super::Inspect;
 use super::task::{Command, Info, Recorded, Task};
 use crate::core::random::Stream;
+use crate::core::span::Span;
 use crate::task::{Env, EnvState, Spec, Start, StateMismatch, Step};
 
 /// A start that is refused this often is taken as it is; the model is broken then.
@@ -21,6 +22,8 @@ pub struct Simulation<T: Task> {
     servos: Vec<Servo>,
     carried: T::Carried,
     elapsed_steps: usize,
+    /// How often a buffer had been full before the next step, as MuJoCo counts.
+    told_full: usize,
     watch: Option<Watch>,
 }
 
@@ -60,12 +63,11 @@ impl<T: Task> Simulation<T> {
     pub fn new(model: Arc<Model>, info: &Info, task: T) -> mujoco_rs::Result<Self> {
         let mut data = Data::new(Arc::clone(&model))?;
         data.forward()?;
-        let (servos, action_limit) = match T::COMMAND {
-            Command::Action => {
-                let limit = model.actuator_ctrlrange().get(1).copied();
-                (Vec::new(), limit.unwrap_or(1.0))
-            }
-            Command::Range => (servos(&model), 1.0),
+        let ranges = command_ranges(&model)?;
+        let servos: Vec<Servo> = ranges.iter().map(|range| Servo::over(*range)).collect();
+        let action_ranges = match T::COMMAND {
+            Command::Action => ranges,
+            Command::Range => vec![Span::symmetric(1.0); ranges.len()],
         };
         Ok(Self {
             spec: Spec {
@@ -73,7 +75,7 @@ impl<T: Task> Simulation<T> {
                 obs_size: info.obs_size(),
                 goal_size: info.goal_size(),
                 action_size: model.nu(),
-                action_limit,
+                action_ranges,
                 max_episode_steps: info.max_episode_steps,
                 dt: model.timestep() * info.frame_skip as f64,
                 nq: model.nq(),
@@ -85,6 +87,7 @@ impl<T: Task> Simulation<T> {
             task,
             data,
             elapsed_steps: 0,
+            told_full: 0,
             watch: None,
         })
     }
@@ -142,6 +145,7 @@ impl<T: Task> Simulation<T> {
     /// Observes the state with which an episode begins.
     fn begin(&mut self, observation: &mut [f64]) {
         self.elapsed_steps = 0;
+        self.told_full = self.data.warnings().buffers_full();
         self.carried = self.task.carry(&self.data);
         self.observe(observation);
     }
@@ -160,21 +164,34 @@ impl<T: Task> Simulation<T> {
 }
 
 impl Servo {
+    fn over(range: Span) -> Servo {
+        Servo {
+            centre: range.middle(),
+            half_range: range.half(),
+            low: range.low,
+            high: range.high,
+        }
+    }
+
     fn command(&self, action: f64) -> f64 {
         let command = self.centre + action.clamp(-1.0, 1.0) * self.half_range;
         command.clamp(self.low, self.high)
     }
 }
 
-fn servos(model: &Model) -> Vec<Servo> {
-    let ranges = model.actuator_ctrlrange().as_chunks::<2>().0;
-    let servo = |&[low, high]: &[f64; 2]| Servo {
-        centre: (high + low) / 2.0,
-        half_range: (high - low) / 2.0,
-        low,
-        high,
-    };
-    ranges.iter().map(servo).collect()
+/// What each actuator of `model` can be commanded. A policy explores a range; where there is none, no command
+/// could be learned.
+fn command_ranges(model: &Model) -> mujoco_rs::Result<Vec<Span>> {
+    let ranges = model.actuator_ctrlrange().as_chunks::<2>().0.iter();
+    let checked = ranges.enumerate().map(|(i, &[low, high])| {
+        // Of an actuator without limits MuJoCo says 0 to 0.
+        if low < high {
+            Ok(Span { low, high })
+        } else {
+            Err(mujoco_rs::Error::NoCommandRange(i))
+        }
+    });
+    checked.collect()
 }
 
 impl<T: Task> Env for Simulation<T> {
@@ -222,6 +239,9 @@ impl<T: Task> Env for Simulation<T> {
         self.elapsed_steps += 1;
         self.carried = self.task.carry(&self.data);
         let finite = self.observe(observation);
+        let full = self.data.warnings().buffers_full();
+        let buffer_full = full > std::mem::replace(&mut self.told_full, full);
+        let success = self.task.success(&self.data);
         let reward = self.task.reward(&before, &self.carried, &self.data, action);
         if !(sound && finite && reward.is_finite()) {
             observation.fill(0.0);
@@ -230,7 +250,9 @@ impl<T: Task> Env for Simulation<T> {
                 terminated: false,
                 truncated: true,
                 diverged: true,
-                success: None,
+                buffer_full,
+                // Of a task that knows success, a failure.
+                success: success.map(|_| false),
             };
         }
         Step {
@@ -238,7 +260,8 @@ impl<T: Task> Env for Simulation<T> {
             terminated: self.task.terminated(&self.data),
             truncated: self.elapsed_steps >= self.spec.max_episode_steps,
             diverged: false,
-            success: self.task.success(&self.data),
+            buffer_full,
+            success,
         }
     }
 
@@ -280,6 +303,7 @@ impl<T: Task> Env for Simulation<T> {
         // Clears the warnings and whatever error stopped the simulation before; every array that
         // the next step reads is written below.
         let _ = self.data.reset();
+        self.told_full = 0;
         self.data.set_time(state.time);
         self.data.qpos_mut().copy_from_slice(&state.qpos);
         self.data.qvel_mut().copy_from_slice(&state.qvel);

@@ -31,6 +31,11 @@ impl World {
         World { model, rules }
     }
 
+    /// Indices of the coordinates of an observation that need no learning, ascending.
+    pub fn known(&self) -> &[usize] {
+        self.rules.known()
+    }
+
     /// Where `action` (executed, `[n, action_size]`) leads from `obs` (as observed) alias
     /// `scaled_obs`, `[n, obs_size]` each, under `scaling`.
     ///

@@ -17,7 +17,7 @@ mod weights;
 
 pub use activation::{Activation, Normalisation};
 pub use adam::ScalarAdam;
-pub use coupling::Coupling;
+pub use coupling::{Coupling, Range};
 pub use learning_state::LearningState;
 pub use mlp::{Architecture, Mlp};
 pub use scaling::{ObservationScaling, RunningMoments};

@@ -21,7 +21,7 @@ pub(super) struct Icem {
 
 impl Icem {
     pub fn new(settings: PlannerSettings, shape: Shape) -> Icem {
-        let first = settings.noise as f32 * shape.limit;
+        let first = settings.noise as f32;
         Icem {
             noise: Coloured::new(shape.horizon, settings.colour),
             mean: vec![0.0; shape.numbers()],
@@ -42,7 +42,7 @@ impl Icem {
 
 impl Strategy for Icem {
     fn begin(&mut self) {
-        let first = self.settings.noise as f32 * self.shape.limit;
+        let first = self.settings.noise as f32;
         self.mean.fill(0.0);
         self.deviation.fill(first);
         self.elites.clear();
@@ -116,7 +116,7 @@ impl Strategy for Icem {
 
     fn advance(&mut self, rng: &mut Stream) {
         let (shape, width) = (self.shape, self.shape.action_size);
-        let first = self.settings.noise as f32 * shape.limit;
+        let first = self.settings.noise as f32;
         let last = self.mean[self.mean.len() - width..].to_vec();
         shape.shift(&mut self.mean, &last);
         self.deviation.fill(first);
@@ -128,7 +128,7 @@ impl Strategy for Icem {
                 .iter()
                 .map(|mean| {
                     let z: f32 = StandardNormal.sample(rng);
-                    (mean + first * z).clamp(-shape.limit, shape.limit)
+                    (mean + first * z).clamp(-1.0, 1.0)
                 })
                 .collect();
             shape.shift(elite, &fresh);

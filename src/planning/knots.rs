@@ -2,7 +2,7 @@
 
 use super::{Interpolation, Shape};
 
-/// Writes the sequence that goes through `knots`, `[n, action_size]`, spread evenly from the first step to the last.
+/// Writes the sequence, which nothing bounds, that goes through `knots`, `[n, action_size]`, spread evenly from the first step to the last.
 pub(super) fn spline(
     knots: &[f32],
     interpolation: Interpolation,
@@ -40,7 +40,6 @@ pub(super) fn spline(
             };
         }
     }
-    shape.clip(sequence);
 }
 
 #[cfg(test)]
@@ -51,7 +50,6 @@ mod tests {
         let shape = Shape {
             horizon: 5,
             action_size: 1,
-            limit: 1.0,
             episode: 10,
         };
         let mut sequence = vec![9.0; 5];

@@ -37,7 +37,7 @@ impl Strategy for Mppi {
     /// The nominal sequence, and others around it.
     fn propose(&mut self, _: usize, rng: &mut Stream) -> Sequences {
         let width = self.shape.action_size;
-        let deviation = self.settings.noise as f32 * self.shape.limit;
+        let deviation = self.settings.noise as f32;
         let mut sequences = self.nominal.clone();
         for _ in 1..self.settings.samples {
             let begin = sequences.len();

@@ -1,7 +1,7 @@
 //! A controller that plans.
 
 use super::PlannerSettings;
-use super::rollouts::{MakeEnv, Origin, Rollouts};
+use super::rollouts::{MakeEnv, Origin, Rollouts, outputs_in_place};
 use super::strategy::{self, Shape, Strategy};
 use crate::agent::{Controller, Moment, Policy};
 use crate::core::random::{Stream, fill_normal};
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// What a state is worth after a plan's horizon, from observation and previous action.
 pub type Worth = Arc<dyn Fn(&[f32], &[f32]) -> f64 + Send + Sync>;
 
-/// Deviation of the noise on the policy's outputs where it proposes, as a fraction of the action limit.
+/// Deviation of the noise on the policy's outputs where it proposes, in units of the ranges.
 const POLICY_NOISE: f32 = 0.1;
 
 /// Plans anew at every control step in the true simulator, and executes the first action of its plan.
@@ -45,13 +45,12 @@ impl Planner {
         let shape = Shape {
             horizon: settings.horizon,
             action_size,
-            limit: coupling.limit as f32,
             episode,
         };
         let bonus = settings.success_bonus;
         Planner {
             strategy: strategy::of(&settings, shape),
-            rollouts: Rollouts::new(&make_env, workers, shape, coupling, bonus),
+            rollouts: Rollouts::new(&make_env, workers, shape, coupling.clone(), bonus),
             settings,
             make_env,
             workers,
@@ -83,15 +82,17 @@ impl Planner {
         };
         let count = (self.settings.policy_share * self.settings.samples as f64).round() as usize;
         let (mut sequences, mut scores) = (Vec::new(), Vec::new());
-        let limit = self.shape.limit;
+        let coupling = &self.coupling;
         for i in 0..count {
-            let deviation = if i == 0 { 0.0 } else { POLICY_NOISE * limit };
+            let deviation = if i == 0 { 0.0 } else { POLICY_NOISE };
             let mut choose = |_: usize, obs: &[f32], previous: &[f32]| {
                 let mut noise = vec![0.0; previous.len()];
                 fill_normal(rng, &mut noise);
                 let mut output = policy.output(obs, previous);
-                for (u, z) in output.iter_mut().zip(noise) {
-                    *u = (*u + deviation * z).clamp(-limit, limit);
+                let ranges = coupling.ranges().iter();
+                for ((u, z), range) in output.iter_mut().zip(noise).zip(ranges) {
+                    let unit = (*u - range.middle) / range.half;
+                    *u = (unit + deviation * z).clamp(-1.0, 1.0);
                 }
                 output
             };
@@ -129,6 +130,7 @@ impl Controller for Planner {
             self.strategy.learn(iteration, &proposed, &judged);
         }
         let mut action = self.strategy.decision()[..self.shape.action_size].to_vec();
+        outputs_in_place(&self.coupling, &mut action);
         self.coupling.execute_in_place(&mut action, moment.previous);
         self.strategy.advance(rng);
         action
@@ -139,7 +141,7 @@ impl Controller for Planner {
             self.settings.clone(),
             Arc::clone(&self.make_env),
             self.workers,
-            self.coupling,
+            self.coupling.clone(),
         );
         let mut planner = planner.with(self.policy.clone(), self.worth.clone());
         planner.simulated = Arc::clone(&self.simulated);
@@ -153,6 +155,7 @@ mod tests {
     use crate::config::{Config, Method};
     use crate::core::parallel::with_threads;
     use crate::core::random::stream;
+    use crate::core::span::Span;
     use crate::env;
     use crate::task::Env;
 
@@ -168,10 +171,8 @@ mod tests {
 
     fn planner(task: &'static str, workers: usize, worth: Option<Worth>) -> Planner {
         let make: MakeEnv = Arc::new(move || -> Box<dyn Env> { env::make(task).unwrap().0 });
-        let coupling = Coupling {
-            beta: 0.7,
-            limit: 1.0,
-        };
+        let width = make().spec().action_size;
+        let coupling = Coupling::new(0.7, &vec![Span::symmetric(1.0); width]);
         Planner::new(settings(), make, workers, coupling).with(None, worth)
     }
 

@@ -43,7 +43,7 @@ pub struct Origin<'a> {
     pub previous: &'a [f32],
 }
 
-/// Chooses the output `u` of each step of a rollout, `[action_size]`, from observation and previous action.
+/// Chooses each action of a rollout, `[action_size]` in units of its ranges, from observation and previous action.
 pub(super) type Choose<'a> = &'a mut dyn FnMut(usize, &[f32], &[f32]) -> Vec<f32>;
 
 impl Rollouts {
@@ -82,7 +82,7 @@ impl Rollouts {
         sequences: &[f32],
         value: Option<Value<'_>>,
     ) -> Vec<f64> {
-        let (shape, coupling, bonus) = (self.shape, self.coupling, self.success_bonus);
+        let (shape, coupling, bonus) = (self.shape, &self.coupling, self.success_bonus);
         let numbers = shape.numbers();
         let count = sequences.len() / numbers;
         let next = AtomicUsize::new(0);
@@ -114,7 +114,7 @@ impl Rollouts {
         choose: Choose<'_>,
         value: Option<Value<'_>>,
     ) -> (Vec<f32>, f64) {
-        let (shape, coupling, bonus) = (self.shape, self.coupling, self.success_bonus);
+        let (shape, coupling, bonus) = (self.shape, &self.coupling, self.success_bonus);
         self.workers[0].follow(origin, choose, shape, coupling, bonus, value)
     }
 }
@@ -139,7 +139,7 @@ impl Worker {
         origin: Origin<'_>,
         sequence: &[f32],
         shape: Shape,
-        coupling: Coupling,
+        coupling: &Coupling,
         bonus: f64,
         value: Option<Value<'_>>,
     ) -> f64 {
@@ -163,7 +163,7 @@ impl Worker {
         origin: Origin<'_>,
         choose: Choose<'_>,
         shape: Shape,
-        coupling: Coupling,
+        coupling: &Coupling,
         bonus: f64,
         value: Option<Value<'_>>,
     ) -> (Vec<f32>, f64) {
@@ -194,7 +194,8 @@ impl Worker {
     }
 
     /// Executes what `action` becomes after the one before.
-    fn step(&mut self, coupling: Coupling, bonus: f64) -> Stepped {
+    fn step(&mut self, coupling: &Coupling, bonus: f64) -> Stepped {
+        outputs_in_place(coupling, &mut self.action);
         coupling.execute_in_place(&mut self.action, &self.previous);
         for (command, action) in self.command.iter_mut().zip(&self.action) {
             *command = f64::from(*action);
@@ -236,4 +237,11 @@ enum Stepped {
     On(f64),
     Over(f64),
     Diverged,
+}
+
+/// From numbers in units of the ranges to the outputs that are coupled.
+pub(super) fn outputs_in_place(coupling: &Coupling, numbers: &mut [f32]) {
+    for (x, range) in numbers.iter_mut().zip(coupling.ranges()) {
+        *x = range.half * *x + range.middle;
+    }
 }

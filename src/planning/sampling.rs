@@ -35,7 +35,7 @@ impl Strategy for Sampling {
     fn propose(&mut self, _: usize, rng: &mut Stream) -> Sequences {
         let numbers = self.shape.numbers();
         let (deviation, knots) = (
-            self.settings.noise as f32 * self.shape.limit,
+            self.settings.noise as f32,
             self.settings.knots * self.shape.action_size,
         );
         let nominal = match self.best.is_known() {
@@ -44,11 +44,6 @@ impl Strategy for Sampling {
         };
         let mut sequences = nominal.clone();
         let mut added = vec![0.0; numbers];
-        // What is added may be as large as the deviation makes it; the sum is clipped.
-        let unbounded = Shape {
-            limit: f32::INFINITY,
-            ..self.shape
-        };
         for _ in 1..self.settings.samples {
             let draws: Vec<f32> = (0..knots)
                 .map(|_| {
@@ -56,7 +51,7 @@ impl Strategy for Sampling {
                     deviation * z
                 })
                 .collect();
-            spline(&draws, self.settings.interpolation, unbounded, &mut added);
+            spline(&draws, self.settings.interpolation, self.shape, &mut added);
             let sums = nominal.iter().zip(&added).map(|(x, y)| x + y);
             let begin = sequences.len();
             sequences.extend(sums);

@@ -7,15 +7,13 @@ use super::topdm::Topdm;
 use super::{PlannerMethod, PlannerSettings};
 use crate::core::random::Stream;
 
-/// Sizes of a sequence of actions, which are `u`, before the coupling.
+/// Sizes of a sequence of actions, before the coupling: numbers from -1 to 1, in units of each range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
     /// Control steps.
     pub horizon: usize,
     /// Numbers of an action.
     pub action_size: usize,
-    /// Every number lies within plus and minus this.
-    pub limit: f32,
     /// Control steps of an episode.
     pub episode: usize,
 }
@@ -33,10 +31,10 @@ impl Shape {
         sequence[end..].copy_from_slice(last);
     }
 
-    /// Brings every number within the limit.
+    /// Brings every number within the range.
     pub fn clip(&self, numbers: &mut [f32]) {
         for x in numbers {
-            *x = x.clamp(-self.limit, self.limit);
+            *x = x.clamp(-1.0, 1.0);
         }
     }
 }
@@ -139,7 +137,6 @@ mod tests {
     const SHAPE: Shape = Shape {
         horizon: 6,
         action_size: 2,
-        limit: 0.8,
         episode: 50,
     };
 
@@ -155,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn every_strategy_gets_better_with_iterations_and_steps_and_keeps_the_limit() {
+    fn every_strategy_gets_better_with_iterations_and_steps_and_keeps_the_range() {
         for method in [
             PlannerMethod::Icem,
             PlannerMethod::Topdm,
@@ -178,7 +175,7 @@ mod tests {
             for step in 0..6 {
                 for iteration in 0..strategy.iterations(step) {
                     let sequences = strategy.propose(iteration, &mut rng);
-                    assert!(sequences.iter().all(|x| x.abs() <= SHAPE.limit));
+                    assert!(sequences.iter().all(|x| x.abs() <= 1.0));
                     let each = sequences.chunks_exact(SHAPE.numbers());
                     let scores: Vec<f64> = each.map(|s| -distance(s, step)).collect();
                     strategy.learn(iteration, &sequences, &scores);

@@ -29,7 +29,7 @@ impl Topdm {
     /// Each number changes with the probability of a mutation. Draws a uniform number for each, and a normal one for
     /// each that changes.
     fn mutate(&self, sequence: &mut [f32], rng: &mut Stream) {
-        let deviation = self.settings.mutation_noise as f32 * self.shape.limit;
+        let deviation = self.settings.mutation_noise as f32;
         for x in sequence.iter_mut() {
             let u: f64 = rng.random();
             if u < self.settings.mutation_probability {
@@ -41,7 +41,7 @@ impl Topdm {
     }
 
     fn fresh(&self, numbers: &mut [f32], rng: &mut Stream) {
-        let deviation = self.settings.noise as f32 * self.shape.limit;
+        let deviation = self.settings.noise as f32;
         for x in numbers.iter_mut() {
             let z: f32 = StandardNormal.sample(rng);
             *x = deviation * z;
@@ -122,7 +122,6 @@ mod tests {
     const SHAPE: Shape = Shape {
         horizon: 4,
         action_size: 2,
-        limit: 1.0,
         episode: 100,
     };
     const NUMBERS: usize = 8;

@@ -6,6 +6,7 @@ use rand::RngExt;
 
 use crate::core::files::{Checksum, Checksummer};
 use crate::core::random::Stream;
+use crate::core::span::Span;
 use crate::recordings::format::{Recording, RecordingError, Rows};
 use crate::recordings::{FindError, find};
 use crate::task::{self, Spec};
@@ -55,8 +56,8 @@ pub struct Sizes<'a> {
     pub goal_size: usize,
     /// Length of the actions.
     pub action_size: usize,
-    /// Actions lie in plus and minus this.
-    pub action_limit: f64,
+    /// Where each number of an action lies.
+    pub action_ranges: &'a [Span],
 }
 
 impl Sizes<'_> {
@@ -69,7 +70,7 @@ impl Sizes<'_> {
             obs_size: spec.obs_size - spec.goal_size,
             goal_size: spec.goal_size,
             action_size: spec.action_size,
-            action_limit: spec.action_limit,
+            action_ranges: &spec.action_ranges,
         }
     }
 
@@ -259,7 +260,7 @@ impl Demonstration {
         let recording = Recording::read(path, settings)?;
         Demonstrations::check(&recording, sizes)?;
         Ok(Demonstration {
-            action: recording.action.clipped(sizes.action_limit),
+            action: recording.action.clipped(sizes.action_ranges),
             qpos: recording.qpos,
             qvel: recording.qvel,
             goal: recording.desired_goal,

@@ -31,6 +31,12 @@ pub struct EvalRow {
     pub length_mean: f64,
     /// Fraction of them that ended in success, where the task knows success.
     pub success_rate: Option<f64>,
+    /// Episodes whose simulation blew up; none are told of by runs from before the column was there.
+    #[serde(default)]
+    pub diverged: usize,
+    /// Steps in which a buffer of the simulator was full; the same.
+    #[serde(default)]
+    pub buffers_full: usize,
 }
 
 impl EvalRow {
@@ -99,6 +105,15 @@ fn versions(theirs: Option<&str>) -> String {
     }
 }
 
+/// The columns that every version has written of `eval.csv`; those after them came later.
+const FIRST_COLUMNS: usize = 8;
+
+/// Whether `header` is that of a file with these columns, or of one from before the last of them were added.
+fn is_header(header: &str, columns: &[Column], least: usize) -> bool {
+    let found = header.split(',').count();
+    found >= least && names(columns).starts_with(&header.split(',').collect::<Vec<_>>())
+}
+
 /// Reads the `eval.csv` of a run: at least one row, steps growing, returns finite.
 ///
 /// # Errors
@@ -117,7 +132,7 @@ pub fn read_evaluations(path: &Path) -> Result<Vec<EvalRow>, CurveError> {
     if header.is_empty() {
         return Err(CurveError::Empty(path.to_owned()));
     }
-    if header != names(&EVAL).join(",") {
+    if !is_header(header, &EVAL, FIRST_COLUMNS) {
         return Err(CurveError::Columns {
             path: path.to_owned(),
             found: header.to_owned(),
@@ -214,8 +229,8 @@ fn length(sealed: &BTreeMap<String, Seal>, name: &str) -> u64 {
 struct Table {
     path: PathBuf,
     file: File,
-    /// The header is still to be written.
-    empty: bool,
+    /// How many columns its header has; none where that is still to be written.
+    columns: Option<usize>,
 }
 
 impl Curves {
@@ -227,7 +242,7 @@ impl Curves {
             Ok::<_, FileError>(Table {
                 path,
                 file,
-                empty: true,
+                columns: None,
             })
         };
         let [train, eval, timing] = CURVES;
@@ -250,10 +265,17 @@ impl Curves {
     ) -> Result<Curves, FileError> {
         let open = |name: &str| {
             let path = directory.join(name);
+            let columns = match length(sealed, name) {
+                0 => None,
+                _ => {
+                    let text = fs::read_to_string(&path).map_err(FileError::at(&path))?;
+                    text.lines().next().map(|header| header.split(',').count())
+                }
+            };
             Ok::<_, FileError>(Table {
                 file: files.open_to_append(&path)?,
                 path,
-                empty: length(sealed, name) == 0,
+                columns,
             })
         };
         let [train, eval, timing] = CURVES;
@@ -305,10 +327,9 @@ impl Table {
         let mut writer = csv::WriterBuilder::new()
             .has_headers(false)
             .from_writer(Vec::new());
-        let header = if self.empty {
-            writer.write_record(names(columns))
-        } else {
-            Ok(())
+        let header = match self.columns {
+            None => writer.write_record(names(columns)),
+            Some(_) => Ok(()),
         };
         let written = header.and_then(|()| writer.serialize(row));
         let wrong = |error| DiskError::Row {
@@ -317,9 +338,71 @@ impl Table {
         };
         written.map_err(wrong)?;
         let line = writer.into_inner();
-        let line = line.map_err(|error| wrong(error.into_error().into()))?;
+        let mut line = line.map_err(|error| wrong(error.into_error().into()))?;
+        // A run that an older version began goes on with the columns that it has.
+        if let Some(kept) = self.columns.filter(|kept| *kept < columns.len()) {
+            let commas = line.iter().enumerate().filter(|(_, byte)| **byte == b',');
+            if let Some((end, _)) = commas.map(|(i, byte)| (i, *byte)).nth(kept - 1) {
+                line.truncate(end);
+                line.push(b'\n');
+            }
+        }
         files.append(&mut self.file, &self.path, &line)?;
-        self.empty = false;
+        self.columns.get_or_insert(columns.len());
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_curve_that_an_older_version_began_keeps_its_columns() {
+        let directory = tempfile::tempdir().unwrap();
+        let (files, path) = (Files::default(), directory.path());
+        let header = names(&EVAL[..FIRST_COLUMNS]).join(",");
+        let old = format!("{header}\n0,2,1.5,0.0,1.5,1.5,50.0,\n");
+        for name in CURVES {
+            fs::write(path.join(name), if name == "eval.csv" { &old } else { "" }).unwrap();
+        }
+        let seals = BTreeMap::from([("eval.csv".to_owned(), Seal::of(old.as_bytes()))]);
+        let mut curves = Curves::open(&files, path, &seals).unwrap();
+        let row = EvalRow {
+            step: 100,
+            episodes: 2,
+            return_mean: 2.5,
+            return_std: 0.0,
+            return_min: 2.5,
+            return_max: 2.5,
+            length_mean: 50.0,
+            success_rate: None,
+            diverged: 1,
+            buffers_full: 3,
+        };
+        curves.evaluated(&row).unwrap();
+        let text = fs::read_to_string(path.join("eval.csv")).unwrap();
+        assert_eq!(text, format!("{old}100,2,2.5,0.0,2.5,2.5,50.0,\n"));
+        let rows = read_evaluations(&path.join("eval.csv")).unwrap();
+        assert_eq!((rows[1].return_mean, rows[1].diverged), (2.5, 0));
+    }
+
+    #[test]
+    fn headers_are_those_of_some_version() {
+        let header = |columns: usize| names(&EVAL[..columns]).join(",");
+        for columns in FIRST_COLUMNS..=EVAL.len() {
+            assert!(is_header(&header(columns), &EVAL, FIRST_COLUMNS));
+        }
+        assert!(!is_header(&header(FIRST_COLUMNS - 1), &EVAL, FIRST_COLUMNS));
+        assert!(!is_header(
+            &(header(EVAL.len()) + ",more"),
+            &EVAL,
+            FIRST_COLUMNS
+        ));
+        assert!(!is_header(
+            &header(EVAL.len()).replace("diverged", "else"),
+            &EVAL,
+            FIRST_COLUMNS
+        ));
     }
 }

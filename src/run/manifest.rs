@@ -5,7 +5,6 @@ use crate::core::files::Checksum;
 use crate::run::Logged;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
 
 /// Name of the manifest in a checkpoint.
 pub(crate) const MANIFEST: &str = "manifest.json";
@@ -76,27 +75,39 @@ pub(crate) struct Build {
     program: Option<Checksum>,
     mujoco: String,
     processor: Option<String>,
+    /// Of the sources that results depend on; none of a build from before it was recorded. What is not there is not
+    /// written, so that older manifests keep their checksums.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    computes: Option<String>,
+    /// The instructions that matrix kernels were chosen by; the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    instruction_set: Option<String>,
 }
 
 impl Build {
     /// This one.
     pub fn here() -> Build {
-        static PROGRAM: OnceLock<Option<Checksum>> = OnceLock::new();
         Build {
             mamf: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("MAMF_COMMIT").map(str::to_owned),
-            program: *PROGRAM.get_or_init(|| {
-                let file = std::fs::read(std::env::current_exe().ok()?).ok()?;
-                Some(Checksum::of(&file))
-            }),
+            program: provenance::program(),
             mujoco: mujoco_rs::version_string(),
             processor: provenance::processor(),
+            computes: Some(provenance::COMPUTES.to_owned()),
+            instruction_set: Some(provenance::instruction_set().to_owned()),
         }
     }
 
-    /// What of the program is different `now`, in words.
+    /// What of the program that results depend on is different `now`, in words. Of another build of the same sources
+    /// nothing is.
     pub fn differences(&self, now: &Build) -> Vec<String> {
         let commit = |build: &Build| build.commit.clone().unwrap_or_else(|| "unknown".to_owned());
+        let sources = self.computes.as_ref().zip(now.computes.as_ref());
+        if sources.is_some_and(|(then, now)| then == now) {
+            let [then, now] = [&self.mujoco, &now.mujoco];
+            let other = (then != now).then(|| format!("version of MuJoCo: {then} then, {now} now"));
+            return other.into_iter().collect();
+        }
         let pairs = [
             ("version of mamf", self.mamf.clone(), now.mamf.clone()),
             ("commit of mamf", commit(self), commit(now)),
@@ -108,19 +119,28 @@ impl Build {
             .collect();
         let programs = self.program.zip(now.program);
         if differences.is_empty() && programs.is_some_and(|(then, now)| then != now) {
-            differences.push("mamf: another build of the same commit".to_owned());
+            differences.push("mamf: another build of the same commit, of other sources".to_owned());
         }
         differences
     }
 
-    /// Says so if the processor is another one `now`.
+    /// Says so if the processor is another one `now`, or matrix kernels are chosen by other instructions.
     pub fn other_processor(&self, now: &Build) -> Option<String> {
-        let (then, now) = (self.processor.as_ref()?, now.processor.as_ref()?);
-        (then != now).then(|| {
-            format!(
-                "the processor was {then} and is {now}: from here on figures may differ in rounding"
-            )
-        })
+        let pairs = [
+            ("processor", &self.processor, &now.processor),
+            (
+                "instruction set",
+                &self.instruction_set,
+                &now.instruction_set,
+            ),
+        ];
+        let changed = pairs.into_iter().find_map(|(what, then, now)| {
+            let (then, now) = (then.as_ref()?, now.as_ref()?);
+            (then != now).then(|| format!("the {what} was {then} and is {now}"))
+        })?;
+        Some(format!(
+            "{changed}: from here on figures may differ in rounding"
+        ))
     }
 }
 
@@ -239,13 +259,56 @@ mod tests {
         assert!(here.differences(&here).is_empty());
         let mut other = here.clone();
         (other.mamf, other.processor) = ("0.0.1".into(), Some("an abacus".into()));
+        other.computes = Some("other sources".into());
         let differences = here.differences(&other);
         assert_eq!(differences.len(), 1);
         assert!(differences[0].contains("0.0.1 now"), "{differences:?}");
         assert!(here.other_processor(&here).is_none());
         let mut rebuilt = here.clone();
         rebuilt.program = Some(Checksum::of(b"another program"));
-        let differences = here.differences(&rebuilt);
+        rebuilt.commit = Some("another commit".into());
+        assert!(
+            here.differences(&rebuilt).is_empty(),
+            "what computes is the same"
+        );
+        rebuilt.mujoco = "0".into();
+        assert!(here.differences(&rebuilt)[0].contains("MuJoCo"));
+        // Builds from before it was recorded what computes are told by their commit and their file.
+        let mut old = here.clone();
+        old.computes = None;
+        assert!(old.differences(&here).is_empty());
+        old.program = Some(Checksum::of(b"another program"));
+        let differences = old.differences(&here);
         assert!(differences[0].contains("another build"), "{differences:?}");
+    }
+
+    #[test]
+    fn another_instruction_set_of_the_same_processor_is_noted() {
+        let here = Build::here();
+        let mut other = here.clone();
+        other.instruction_set = Some("abacus".into());
+        let note = here.other_processor(&other).unwrap();
+        assert!(
+            note.contains("instruction set was") && note.contains("is abacus"),
+            "{note}"
+        );
+        other.instruction_set = None;
+        assert_eq!(
+            here.other_processor(&other),
+            None,
+            "an older one does not tell"
+        );
+    }
+
+    #[test]
+    fn a_manifest_from_before_it_was_recorded_what_computes_keeps_its_checksum() {
+        let mut manifest = Manifest::new(7, [("a", &b"some"[..])]);
+        (manifest.build.computes, manifest.build.instruction_set) = (None, None);
+        let json = manifest.to_json();
+        assert!(
+            !json.contains("computes") && !json.contains("instruction_set"),
+            "{json}"
+        );
+        assert_eq!(Manifest::from_json(json.as_bytes()).unwrap(), manifest);
     }
 }

@@ -32,10 +32,15 @@ pub struct NotEnoughMemory {
 impl ReplayMemory {
     /// Of a run of `config`, which stores no more transitions than it takes steps.
     pub fn of(config: &Config, spec: &Spec) -> ReplayMemory {
+        ReplayMemory::of_sizes(config, spec.obs_size, spec.action_size)
+    }
+
+    /// A full one's of a run of `config`, whose observations and actions have these sizes.
+    pub fn of_sizes(config: &Config, obs_size: usize, action_size: usize) -> ReplayMemory {
         let steps = usize::try_from(config.steps).unwrap_or(usize::MAX);
         ReplayMemory {
             transitions: config.replay.capacity.min(steps),
-            row: size_of::<f32>() * ReplayBuffer::row_width(spec.obs_size, spec.action_size),
+            row: size_of::<f32>() * ReplayBuffer::row_width(obs_size, action_size),
         }
     }
 
@@ -70,16 +75,16 @@ impl fmt::Display for ReplayMemory {
     }
 }
 
-fn bytes(n: u64) -> String {
+/// A number of bytes for people.
+pub fn bytes(n: u64) -> String {
     indicatif::DecimalBytes(n).to_string()
 }
 
-/// Bytes that can be taken without swapping: what the system has, within the limit of the control
-/// group.
-fn available() -> Option<u64> {
+/// Bytes that can be taken without swapping: what the system has, within the limits of the control groups.
+pub fn available() -> Option<u64> {
     let system = std::fs::read_to_string("/proc/meminfo").ok();
     let system = system.and_then(|text| Some(1024 * figure(&text, "MemAvailable:")?));
-    [system, group_available()].into_iter().flatten().min()
+    [system, groups_available()].into_iter().flatten().min()
 }
 
 /// The number after `name` at the beginning of a line.
@@ -88,30 +93,40 @@ fn figure(text: &str, name: &str) -> Option<u64> {
     line.split_whitespace().next()?.parse().ok()
 }
 
-/// What the limit of the control group leaves, if there is one. Cached files count as free.
-fn group_available() -> Option<u64> {
+/// What the limits of the control groups leave, of the process's own and of all above it, if there are any. Cached files
+/// count as free.
+fn groups_available() -> Option<u64> {
     let own = std::fs::read_to_string("/proc/self/cgroup").ok()?;
-    own.lines().find_map(|line| {
+    groups_left(&own, Path::new("/sys/fs/cgroup"))
+}
+
+/// The same for a process whose groups are `own`, as `/proc/self/cgroup` tells them, below `root`.
+fn groups_left(own: &str, root: &Path) -> Option<u64> {
+    let left = own.lines().filter_map(|line| {
         let [_, controllers, group] = line.splitn(3, ':').collect::<Vec<_>>().try_into().ok()?;
-        let (root, names) = match controllers {
-            "" => (
-                "/sys/fs/cgroup",
-                ["memory.max", "memory.current", "inactive_file"],
-            ),
-            list if list.split(',').any(|name| name == "memory") => (
-                "/sys/fs/cgroup/memory",
-                [
-                    "memory.limit_in_bytes",
-                    "memory.usage_in_bytes",
-                    "total_inactive_file",
-                ],
-            ),
+        let memory = controllers.split(',').any(|name| name == "memory");
+        let names = match controllers {
+            // Where version 1 has the other controllers too, version 2 lies in a folder.
+            "" => ["memory.max", "memory.current", "inactive_file"],
+            _ if memory => [
+                "memory.limit_in_bytes",
+                "memory.usage_in_bytes",
+                "total_inactive_file",
+            ],
             _ => return None,
         };
-        left_in(&Path::new(root).join(group.trim_start_matches('/')), names)
-            // In a container the group's own directory is the root.
-            .or_else(|| left_in(Path::new(root), names))
-    })
+        let mounts = match controllers {
+            "" => [root.to_owned(), root.join("unified")],
+            _ => [root.join("memory"), root.join(controllers)],
+        };
+        // In a container the group's own directory may be the root; a group that is not seen there has no files.
+        let group = Path::new(group.trim_start_matches('/'));
+        let above = mounts
+            .iter()
+            .flat_map(|mount| group.ancestors().map(|group| mount.join(group)));
+        above.filter_map(|group| left_in(&group, names)).min()
+    });
+    left.min()
 }
 
 fn left_in(group: &Path, [limit, usage, cached]: [&str; 3]) -> Option<u64> {
@@ -145,6 +160,60 @@ mod tests {
         ] {
             assert!(message.contains(part), "{message}");
         }
+    }
+
+    /// Writes a control group of version 2 or 1 that has used `used` bytes of `limit`.
+    fn group(path: &Path, is_2: bool, limit: &str, used: u64) {
+        std::fs::create_dir_all(path).unwrap();
+        let [max, current] = match is_2 {
+            true => ["memory.max", "memory.current"],
+            false => ["memory.limit_in_bytes", "memory.usage_in_bytes"],
+        };
+        std::fs::write(path.join(max), format!("{limit}\n")).unwrap();
+        std::fs::write(path.join(current), format!("{used}\n")).unwrap();
+    }
+
+    #[test]
+    fn limits_of_the_groups_above_count_as_well() {
+        let directory = tempfile::tempdir().unwrap();
+        let root = directory.path();
+        for (name, is_2, own) in [
+            ("2", true, "0::/slice/job/step\n"),
+            ("1", false, "5:cpu:/x\n4:memory:/slice/job/step\n"),
+        ] {
+            let root = root.join(name);
+            let mount = if is_2 {
+                root.clone()
+            } else {
+                root.join("memory")
+            };
+            let unlimited = if is_2 { "max" } else { "9223372036854771712" };
+            group(&mount.join("slice/job/step"), is_2, unlimited, 10);
+            group(&mount.join("slice/job"), is_2, "1000", 400);
+            group(&mount.join("slice"), is_2, "5000", 900);
+            assert_eq!(
+                groups_left(own, &root),
+                Some(600),
+                "of the group above, version {name}"
+            );
+            group(&mount.join("slice/job/step"), is_2, "100", 10);
+            assert_eq!(groups_left(own, &root), Some(90), "of its own");
+            group(&mount.join("slice"), is_2, "1000", 950);
+            assert_eq!(groups_left(own, &root), Some(50), "of the highest");
+            std::fs::write(
+                mount.join("slice/memory.stat"),
+                "inactive_file 30\ntotal_inactive_file 30\n",
+            )
+            .unwrap();
+            assert_eq!(groups_left(own, &root), Some(80), "cached files are free");
+        }
+        // As a container sees it that is told of a group outside.
+        group(&root.join("container"), true, "700", 0);
+        assert_eq!(
+            groups_left("0::/not/here\n", &root.join("container")),
+            Some(700)
+        );
+        assert_eq!(groups_left("0::/\n", &root.join("none")), None);
     }
 
     #[test]

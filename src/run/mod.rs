@@ -6,7 +6,7 @@ mod directory;
 mod error;
 mod lock;
 pub(crate) mod manifest;
-mod memory;
+pub mod memory;
 pub(crate) mod provenance;
 mod replay_log;
 pub mod schema;

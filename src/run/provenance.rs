@@ -1,8 +1,10 @@
 //! Where a run's figures come from: `run.json`.
 
+use crate::core::files::Checksum;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::SystemTime;
 
 /// Versions, commit, host and command of a run.
@@ -10,12 +12,19 @@ use std::time::SystemTime;
 pub(crate) struct Provenance {
     mamf: &'static str,
     commit: Option<&'static str>,
+    /// Whether files differed from the commit when the program was built.
+    dirty: Option<bool>,
+    /// Checksum of the program's file.
+    program: Option<Checksum>,
+    /// Checksum of the sources that compute.
+    computes: &'static str,
     mujoco: String,
     rustc: &'static str,
     command: Vec<String>,
     started: String,
     host: Option<String>,
     cpu: Option<String>,
+    instruction_set: &'static str,
     cpus: Option<usize>,
 }
 
@@ -61,15 +70,51 @@ impl Provenance {
         Provenance {
             mamf: env!("CARGO_PKG_VERSION"),
             commit: option_env!("MAMF_COMMIT"),
+            dirty: option_env!("MAMF_DIRTY").map(|dirty| dirty == "true"),
+            program: program(),
+            computes: COMPUTES,
             mujoco: mujoco_rs::version_string(),
             rustc: env!("MAMF_RUSTC"),
             command: std::env::args().collect(),
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
             host: host(),
             cpu: processor(),
+            instruction_set: instruction_set(),
             cpus: std::thread::available_parallelism().ok().map(usize::from),
         }
     }
+}
+
+/// What the program computes with: a checksum of the sources that results depend on, of the libraries and the compiler.
+pub(crate) const COMPUTES: &str = env!("MAMF_COMPUTES");
+
+/// Checksum of this program's file, as it was when it was first asked for.
+pub(crate) fn program() -> Option<Checksum> {
+    static PROGRAM: OnceLock<Option<Checksum>> = OnceLock::new();
+    // This name leads to the file that runs, also where another has taken its place.
+    let running =
+        || std::fs::read("/proc/self/exe").or_else(|_| std::fs::read(std::env::current_exe()?));
+    *PROGRAM.get_or_init(|| Some(Checksum::of(&running().ok()?)))
+}
+
+/// The widest instructions that matrix kernels find here, by which these are chosen.
+pub(crate) fn instruction_set() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::arch::is_x86_feature_detected!("avx512f") {
+            return "avx512f";
+        }
+        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
+        {
+            return "avx2+fma";
+        }
+        if std::arch::is_x86_feature_detected!("avx") {
+            return "avx";
+        }
+        "sse2"
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    std::env::consts::ARCH
 }
 
 /// Name of this machine.

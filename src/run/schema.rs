@@ -42,8 +42,12 @@ const fn column(name: &'static str, of: Of, doc: &'static str) -> Column {
     Column { name, of, doc }
 }
 
+/// What a count of full buffers is.
+const BUFFERS_FULL: &str = "steps in which a buffer of MuJoCo for contacts or constraints was full, so that some were left \
+     out of the physics";
+
 /// The columns of `eval.csv`.
-pub const EVAL: [Column; 8] = [
+pub const EVAL: [Column; 10] = [
     column("step", Of::Step, "environment steps taken"),
     column("episodes", Of::Last, "episodes of this evaluation"),
     column(
@@ -68,10 +72,17 @@ pub const EVAL: [Column; 8] = [
         Of::Last,
         "fraction of the episodes whose last step is a success; empty for tasks that know none",
     ),
+    column(
+        "diverged",
+        Of::Last,
+        "episodes whose simulation blew up: their return and length are of the steps before, they are no success, and \
+         such an evaluation is never the best",
+    ),
+    column("buffers_full", Of::Last, BUFFERS_FULL),
 ];
 
 /// The columns of `train.csv`.
-pub const TRAIN: [Column; 29] = [
+pub const TRAIN: [Column; 30] = [
     column("step", Of::Step, "environment steps taken"),
     column(
         "episodes",
@@ -110,7 +121,7 @@ pub const TRAIN: [Column; 29] = [
     column(
         "eta",
         Of::Last,
-        "bound of the imagined actions' noise in the last update",
+        "bound of the imagined actions' noise in the last update, where ranges differ of the number with the widest",
     ),
     column(
         "target_kept",
@@ -144,8 +155,8 @@ pub const TRAIN: [Column; 29] = [
     column(
         "kept_state_error",
         Of::Last,
-        "at `step`: root mean square error of the next observation, in scaled space, of imagined steps that would \
-         train the critics, executed in the simulator",
+        "at `step`: root mean square error of the next observation, in scaled space and without coordinates that are \
+         known, of imagined steps that would train the critics, executed in the simulator",
     ),
     column(
         "kept_reward_error",
@@ -182,6 +193,7 @@ pub const TRAIN: [Column; 29] = [
     column("recorded_reward_15", Of::Last, "the same in steps 6 to 15"),
     column("recorded_reward_30", Of::Last, "the same in steps 16 to 30"),
     column("recorded_reward_60", Of::Last, "the same in steps 31 to 60"),
+    column("buffers_full", Of::Count, BUFFERS_FULL),
 ];
 
 /// The columns of `timing.csv`: seconds of wall clock since the row before.

@@ -8,6 +8,7 @@ mod rules;
 pub use rules::{Rules, VelocityReading};
 
 use crate::core::random::Stream;
+use crate::core::span::Span;
 use serde::{Deserialize, Serialize};
 
 /// What one call of [`Env::step`] brings besides the observation.
@@ -23,6 +24,8 @@ pub struct Step {
     /// The simulation blew up (MuJoCo's bad-state warnings, or a number that is not finite). The
     /// observation must not be stored; `truncated` is true as well.
     pub diverged: bool,
+    /// A buffer of the simulator was full, so that contacts or constraints were left out of the physics.
+    pub buffer_full: bool,
     /// Whether the goal is reached now; `None` for a task that knows no success. Success does not end
     /// an episode.
     pub success: Option<bool>,
@@ -121,8 +124,8 @@ pub struct Spec {
     pub goal_size: usize,
     /// Length of an action.
     pub action_size: usize,
-    /// Every action number lies in `[-action_limit, action_limit]`.
-    pub action_limit: f64,
+    /// Where each number of an action lies, `action_size` ranges. An action before the first one is 0.
+    pub action_ranges: Vec<Span>,
     /// Control steps until an episode is truncated.
     pub max_episode_steps: usize,
     /// Seconds of simulated time a control step.

@@ -11,6 +11,7 @@ use super::{Evaluator, TrainError};
 use crate::agent::augment::{Augment, Expansion, Imagination, Plain};
 use crate::agent::{ActorCritic, Agent, AgentSettings, Imitation, Policy, TargetRule};
 use crate::config::{Addition, Config, DoubledActions};
+use crate::core::parallel::check_threads;
 use crate::core::random::stream;
 use crate::env::{self, Inspect, MakeError};
 use crate::model::{DynamicsModel, DynamicsShape, RewardSource, World};
@@ -54,10 +55,7 @@ pub fn make_rules(config: &Config, spec: &Spec) -> Result<Arc<dyn Rules>, MakeEr
 
 /// The coupling of actions as `spec` limits them.
 pub(super) fn coupling(config: &Config, spec: &Spec) -> Coupling {
-    Coupling {
-        beta: config.action_coupling,
-        limit: spec.action_limit,
-    }
+    Coupling::new(config.action_coupling, &spec.action_ranges)
 }
 
 /// The part of `config` that actor and critics are built from, for actions as `spec` says.
@@ -93,7 +91,7 @@ pub fn saved_policy(checkpoint: &Checkpoint, spec: &Spec) -> Result<Policy, Chec
             actor,
             settings.base,
             scaling,
-            settings.coupling,
+            settings.coupling.clone(),
         ))
     };
     load(checkpoint.weights()).map_err(|error| checkpoint.misfit(error))
@@ -179,6 +177,7 @@ impl Trainer {
         let mut agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
         agent.recorded = recorded(&config, demonstrations.as_ref())?;
         let replay = empty_replay(&config, spec)?;
+        require_threads(&config)?;
         let directory = directory()?;
         directory.write(CONFIG_TOML, &config.to_toml())?;
         directory.write(RUN_JSON, &run_json(Provenance::here()))?;
@@ -227,11 +226,18 @@ impl Trainer {
             clock: Clock::new(0),
             best_return: None,
             last_return: None,
+            told_full: false,
             config,
             directory,
             curves,
         })
     }
+}
+
+/// Makes sure, before anything is written, that the threads of a run can be started.
+pub(super) fn require_threads(config: &Config) -> Result<(), TrainError> {
+    let threads = config.compute.threads;
+    check_threads(threads).map_err(|error| TrainError::Threads { threads, error })
 }
 
 /// An empty replay buffer with the memory that a full one takes.
@@ -312,12 +318,12 @@ fn augment(
         };
         Ok(World::new(model(shape)?, Arc::clone(&rules)))
     };
-    let (limit, seed) = (spec.action_limit, config.seed);
+    let (ranges, seed) = (&spec.action_ranges, config.seed);
     Ok(match config.method.addition() {
         Addition::None => Box::new(Plain),
         Addition::Imagination => {
             let settings = &config.imagination;
-            Box::new(Imagination::new(settings, limit, world()?, seed))
+            Box::new(Imagination::new(settings, ranges, world()?, seed))
         }
         Addition::Expansion => Box::new(Expansion::new(&config.expansion, world()?, seed)),
     })

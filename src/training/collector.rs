@@ -108,6 +108,8 @@ pub(super) struct NotFinite(pub &'static str);
 pub(super) struct Taken {
     /// The reward; none where the simulation blew up.
     pub reward: Option<f64>,
+    /// Whether a buffer of the simulator was full.
+    pub buffer_full: bool,
     /// Return and length of the main episode, if it ended.
     pub ended: Option<(f64, u64)>,
 }
@@ -116,11 +118,21 @@ pub(super) struct Taken {
 struct Step {
     /// None where the simulation blew up.
     row: Option<Row>,
+    buffer_full: bool,
     /// Where the reservoir keeps it, and the state before it.
     kept: Option<(usize, EnvState)>,
     ended: Option<(f64, u64)>,
     /// The first observations of what began after the step.
     began: Vec<Vec<f64>>,
+}
+
+/// What a step of an episode brought.
+struct Happened {
+    /// The episode is over.
+    ended: bool,
+    buffer_full: bool,
+    /// None where the simulation blew up.
+    row: Option<Row>,
 }
 
 /// A transition of its own.
@@ -232,12 +244,12 @@ impl Episode {
         self.length = 0;
     }
 
-    /// Executes what `controller` does; whether the episode ended, and the transition unless the simulation blew up.
+    /// Executes what `controller` does.
     fn step(
         &mut self,
         controller: &mut dyn Controller,
         rng: &mut Stream,
-    ) -> Result<(bool, Option<Row>), NotFinite> {
+    ) -> Result<Happened, NotFinite> {
         let moment = Moment {
             obs: &self.obs,
             previous: &self.previous_action,
@@ -252,9 +264,13 @@ impl Episode {
         let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
         let mut observation = vec![0.0; self.obs.len()];
         let outcome = self.env.step(&command, &mut observation);
-        let ended = outcome.terminated || outcome.truncated;
+        let mut happened = Happened {
+            ended: outcome.terminated || outcome.truncated,
+            buffer_full: outcome.buffer_full,
+            row: None,
+        };
         if outcome.diverged {
-            return Ok((ended, None));
+            return Ok(happened);
         }
         let mut next_obs = vec![0.0; self.obs.len()];
         write_single(&mut next_obs, &observation);
@@ -272,7 +288,8 @@ impl Episode {
         }
         self.episode_return += outcome.reward;
         self.length += 1;
-        Ok((ended, Some(row)))
+        happened.row = Some(row);
+        Ok(happened)
     }
 }
 
@@ -370,32 +387,33 @@ impl Source {
         let rng = &mut self.exploration;
         let mut began = Vec::new();
         let mut main_ended = None;
-        let row = match &mut self.side {
+        let happened = match &mut self.side {
             Some(side) if !side.in_main => {
                 side.left -= 1;
-                let (ended, row) = side.episode.step(controller, rng)?;
-                if ended {
+                let happened = side.episode.step(controller, rng)?;
+                if happened.ended {
                     side.left = 0;
                 }
-                row
+                happened
             }
             side => {
                 if let Some(side) = side {
                     side.left -= 1;
                 }
-                let (ended, row) = self.main.step(controller, rng)?;
-                if ended {
+                let happened = self.main.step(controller, rng)?;
+                if happened.ended {
                     main_ended = Some((self.main.episode_return, self.main.length));
                     began.push(self.main.reset());
                 }
-                row
+                happened
             }
         };
         if let Some(side) = self.side.as_mut().filter(|side| side.left == 0) {
             began.extend(side.begin_segment());
         }
         Ok(Step {
-            row,
+            row: happened.row,
+            buffer_full: happened.buffer_full,
             kept,
             ended: main_ended,
             began,
@@ -419,6 +437,7 @@ impl Step {
         }
         Taken {
             reward: self.row.map(|row| row.reward),
+            buffer_full: self.buffer_full,
             ended: self.ended,
         }
     }

@@ -74,7 +74,7 @@ pub enum TrainError {
         path.display(),
         differences.join("\n  "),
         if *harmless {
-            "this need not change results; --force goes on all the same"
+            "this need not change results; --force goes on all the same (in a sweep --accept-program)"
         } else {
             "undo this, or train anew with --out: --force does not help"
         }
@@ -131,7 +131,9 @@ pub enum TrainError {
         previous: Box<TrainError>,
     },
     /// The threads can't be started.
-    #[error("can't start {threads} threads: {error}")]
+    #[error(
+        "compute.threads: {threads} threads can't be started here ({error}); --threads 1 needs fewest"
+    )]
     Threads {
         /// The number asked for.
         threads: usize,

@@ -19,6 +19,8 @@ pub struct EpisodeResult {
     pub length: usize,
     /// The simulation blew up; return and length are of what came before.
     pub diverged: bool,
+    /// Steps in which a buffer of the simulator was full.
+    pub buffers_full: usize,
     /// Whether the goal was reached in the last step; `None` for a task that knows no success.
     pub success: Option<bool>,
 }
@@ -64,6 +66,16 @@ impl Evaluation {
         successes.map(rate)
     }
 
+    /// Episodes whose simulation blew up.
+    pub fn diverged(&self) -> usize {
+        self.episodes.iter().filter(|e| e.diverged).count()
+    }
+
+    /// Steps in which a buffer of the simulator was full.
+    pub fn buffers_full(&self) -> usize {
+        self.episodes.iter().map(|e| e.buffers_full).sum()
+    }
+
     /// The row of `eval.csv` after `step` environment steps.
     pub fn row(&self, step: u64) -> EvalRow {
         EvalRow {
@@ -75,6 +87,8 @@ impl Evaluation {
             return_max: self.return_max(),
             length_mean: self.length_mean(),
             success_rate: self.success_rate(),
+            diverged: self.diverged(),
+            buffers_full: self.buffers_full(),
         }
     }
 
@@ -134,6 +148,12 @@ impl Evaluator {
             envs: [make_env(config)?, make_env(config)?],
             rng,
         })
+    }
+
+    /// An evaluator in these environments.
+    #[cfg(test)]
+    pub(super) fn within(envs: [Box<dyn Inspect>; 2], rng: Stream) -> Evaluator {
+        Evaluator { envs, rng }
     }
 
     /// Sizes, ranges and limits of the task.
@@ -212,6 +232,7 @@ fn run_episode<W: Watch>(
         episode_return: 0.0,
         length: 0,
         diverged: false,
+        buffers_full: 0,
         success: None,
     };
     env.reset(rng, &mut observation);
@@ -231,6 +252,7 @@ fn run_episode<W: Watch>(
         let outcome = env.step(&action, &mut observation);
         watch.step(&mut seen, env, &action, &outcome, &observation);
         result.diverged |= outcome.diverged;
+        result.buffers_full += usize::from(outcome.buffer_full);
         if !outcome.diverged {
             result.episode_return += outcome.reward;
             result.length += 1;

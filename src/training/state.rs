@@ -1,7 +1,9 @@
 //! Saving a run, and going on from there to the last bit.
 
 use super::TrainError;
-use super::assemble::{demonstrations, empty_replay, make_env, make_rules, saved_agent};
+use super::assemble::{
+    demonstrations, empty_replay, make_env, make_rules, require_threads, saved_agent,
+};
 use super::clock::{Clock, ClockState};
 use super::collector::CollectorState;
 use super::metrics::Interval;
@@ -233,6 +235,7 @@ impl Trainer {
         }
         let set = demonstrations(&config, &spec)?;
         let (step, sealed) = (point.manifest.step, point.manifest.curves.clone());
+        require_threads(&config)?;
         let mut trainer = point.assemble(config, env, set, directory)?;
 
         // Only from here on is anything changed.

@@ -113,7 +113,8 @@ impl Errors {
     }
 }
 
-/// Sums of errors over rows: squared ones of the next observation in scaled space (a mean over coordinates a row),
+/// Sums of errors over rows: squared ones of the next observation in scaled space (a mean over the coordinates that are
+/// learned a row),
 /// absolute ones of reward and target `y_hat`.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Sums {
@@ -138,6 +139,9 @@ pub(super) fn measure(
     let (so, sa) = (env.spec().obs_size, env.spec().action_size);
     let Agent { core, augment, .. } = agent;
     let probe = augment.probe(core, &reservoir.batch, scaling, &mut reservoir.rng)?;
+    // As in `model_error`: what is known would only make the errors of what is learned look smaller.
+    let known = augment.learned().map_or(&[][..], |it| it.world.known());
+    let learned: Vec<usize> = (0..so).filter(|j| !known.contains(j)).collect();
 
     let (mut next_obs, mut reward, mut ended) = (Vec::new(), Vec::new(), Vec::new());
     let mut observation = vec![0.0; so];
@@ -163,10 +167,10 @@ pub(super) fn measure(
         } else {
             &mut errors.dropped
         };
-        let pairs = probe.next_obs[i * so..][..so].iter().zip(&scaled[i * so..]);
-        let squares = pairs.map(|(a, b)| f64::from(a - b).powi(2));
+        let error = |j: &usize| f64::from(probe.next_obs[i * so + j] - scaled[i * so + j]);
+        let squares = learned.iter().map(|j| error(j).powi(2));
         sums.rows += 1;
-        sums.state += squares.sum::<f64>() / so as f64;
+        sums.state += squares.sum::<f64>() / learned.len() as f64;
         sums.reward += f64::from(probe.reward[i] - reward[i]).abs();
         sums.target += f64::from(probe.y_hat[i] - y[i]).abs();
     }
@@ -342,6 +346,62 @@ mod tests {
             assert!(obs.iter().zip(kept).all(|(a, b)| error(*a, *b) < 1e-4));
             assert!(error(step.reward, batch.reward[i]) < 1e-5);
         }
+    }
+
+    #[test]
+    fn errors_are_means_over_what_is_learned_alone() {
+        let config = Config {
+            task: "EggHandOver-v0".into(),
+            ..Config::preset(Method::Mamf)
+        };
+        let mut env = crate::training::make_env(&config).unwrap();
+        let spec = env.spec().clone();
+        let rules = crate::training::make_rules(&config, &spec).unwrap();
+        let learned: Vec<usize> = (0..spec.obs_size)
+            .filter(|j| !rules.known().contains(j))
+            .collect();
+        assert!(learned.len() < spec.obs_size, "the goal is known");
+        let mut agent = crate::training::fresh_agent(&config, &spec, rules);
+        let scaling = ObservationScaling::identity(spec.obs_size);
+        let mut obs = vec![0.0; spec.obs_size];
+        env.reset(&mut stream(8, "env"), &mut obs);
+        let mut reservoir = Reservoir::new(8, stream(8, "telemetry"));
+        let zeros = vec![0.0f32; spec.action_size];
+        for _ in 0..8 {
+            let (place, state, before) = (reservoir.places(1)[0], env.snapshot(), single(&obs));
+            let step = env.step(&vec![0.0; spec.action_size], &mut obs);
+            let transition = Transition {
+                obs: &before,
+                action: &zeros,
+                reward: step.reward as f32,
+                next_obs: &single(&obs),
+                terminated: false,
+                previous_action: &zeros,
+            };
+            reservoir.keep(place.unwrap(), state, &transition);
+        }
+        let Agent { core, augment, .. } = &mut agent;
+        let probe = augment
+            .probe(core, &reservoir.batch, &scaling, &mut reservoir.rng.clone())
+            .unwrap();
+        let mut sums = [0.0, 0.0];
+        for (i, state) in reservoir.states.iter().enumerate() {
+            env.restore(state).unwrap();
+            let action = &probe.action[i * spec.action_size..][..spec.action_size];
+            let action: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
+            env.step(&action, &mut obs);
+            let error = |j: &usize| {
+                f64::from(probe.next_obs[i * spec.obs_size + j] - obs[*j] as f32).powi(2)
+            };
+            let mean = learned.iter().map(error).sum::<f64>() / learned.len() as f64;
+            sums[usize::from(probe.kept.contains(&i))] += mean;
+        }
+        let errors = measure(&agent, &mut reservoir, env.as_mut(), &scaling).unwrap();
+        let found = errors.dropped.state + errors.kept.state;
+        assert!(
+            (found / (sums[0] + sums[1]) - 1.0).abs() < 1e-9,
+            "{found} {sums:?}"
+        );
     }
 
     #[test]

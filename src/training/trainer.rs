@@ -8,6 +8,7 @@ use super::rehearsal::Following;
 use super::state;
 use super::telemetry::{self, Probing, Returns};
 use super::{Evaluation, Evaluator, TrainError, video};
+use crate::agent::augment::Phase1;
 use crate::agent::{Agent, Controller, Exploring, RandomActions};
 use crate::config::{Config, Overrides};
 use crate::core::parallel::with_threads;
@@ -77,7 +78,13 @@ pub struct Trainer {
     pub(super) clock: Clock,
     pub(super) best_return: Option<f64>,
     pub(super) last_return: Option<f64>,
+    /// Whether it has been said that a buffer of the simulator was full.
+    pub(super) told_full: bool,
 }
+
+/// What it means that a buffer of the simulator is full.
+const BUFFER_FULL: &str =
+    "a buffer of MuJoCo for contacts or constraints is full: some are left out of the physics";
 
 /// The steps that one round of the environments takes: from after `before` to `after`.
 #[derive(Debug, Clone, Copy)]
@@ -148,7 +155,7 @@ impl Trainer {
         self.tell_of_demonstrations(monitor);
         let mut controllers = self.controllers();
         if self.step == 0 {
-            self.evaluate()?;
+            self.evaluate(monitor)?;
             self.record_video(monitor, stop);
             self.collector.reset(&mut self.moments);
         }
@@ -168,7 +175,7 @@ impl Trainer {
                 learned |= self.learn(step)?;
             }
             if self.step == random_steps {
-                self.begin_phase_2();
+                self.begin_phase_2(monitor);
                 self.collector.reset(&mut self.moments);
             }
             if learned || (rescaled && !random) || self.step == random_steps {
@@ -176,7 +183,7 @@ impl Trainer {
             }
 
             if round.is_due(self.config.evaluation.every) {
-                self.evaluate()?;
+                self.evaluate(monitor)?;
             }
             if self.config.video.every > 0 && round.is_due(self.config.video.every) {
                 self.record_video(monitor, stop);
@@ -224,7 +231,7 @@ impl Trainer {
         let explore = |i: usize| -> Box<dyn Controller> {
             Box::new(Exploring {
                 policy: policy.clone(),
-                deviation: (deviation(&self.config, i) * spec.action_limit) as f32,
+                deviation: deviation(&self.config, i),
             })
         };
         (0..n).map(explore).collect()
@@ -272,6 +279,15 @@ impl Trainer {
                 self.interval.count("episodes");
                 self.interval.tell("return_mean", episode_return);
                 self.interval.tell("length_mean", length as f64);
+            }
+            if taken.buffer_full {
+                self.interval.count("buffers_full");
+                if !std::mem::replace(&mut self.told_full, true) {
+                    let step = self.step;
+                    monitor.note(&format!(
+                        "step {step}: {BUFFER_FULL}; train.csv counts such steps from here on"
+                    ));
+                }
             }
             match taken.reward {
                 Some(reward) if self.step <= self.config.random_steps => {
@@ -346,16 +362,23 @@ impl Trainer {
     }
 
     /// Line 12 of Algorithm 1: the augmentation is told the largest reward of phase 1 (equation 6).
-    fn begin_phase_2(&mut self) {
-        if self.largest_reward.is_finite() {
-            let episode_limit = self.collector.spec().max_episode_steps as f64;
-            let Agent { core, augment, .. } = &mut self.agent;
-            augment.begin(core, self.largest_reward * episode_limit);
+    fn begin_phase_2(&mut self, monitor: &mut dyn Monitor) {
+        if !self.largest_reward.is_finite() {
+            return;
+        }
+        let seen = Phase1 {
+            largest_reward: self.largest_reward,
+            episode_limit: self.collector.spec().max_episode_steps,
+            discount: self.config.discount,
+        };
+        let Agent { core, augment, .. } = &mut self.agent;
+        if let Some(bias) = augment.begin(core, &seen) {
+            monitor.note(&optimism(bias, &seen));
         }
     }
 
     /// Evaluates, writes a row of each curve, and saves the best policy so far.
-    fn evaluate(&mut self) -> Result<(), TrainError> {
+    fn evaluate(&mut self, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
         let step = self.step;
         let started = Instant::now();
         let policy = self.agent.policy(&self.scaling);
@@ -404,7 +427,7 @@ impl Trainer {
             let written = self.curves.trained(row, &clock.row(step, evaluation_time));
             self.on_disk(written)?;
         }
-        self.note_evaluation(&evaluation)
+        self.note_evaluation(&evaluation, monitor)
     }
 
     /// Records a video, if there are to be any. That takes none of the run's time, and one that can't be made
@@ -423,9 +446,29 @@ impl Trainer {
         self.clock.leave_out(started.elapsed());
     }
 
-    fn note_evaluation(&mut self, evaluation: &Evaluation) -> Result<(), TrainError> {
+    /// Saves the best policy so far. The returns of an evaluation that diverged are of what came before, which may look
+    /// better than any whole episode.
+    fn note_evaluation(
+        &mut self,
+        evaluation: &Evaluation,
+        monitor: &mut dyn Monitor,
+    ) -> Result<(), TrainError> {
         let return_mean = evaluation.return_mean();
         self.last_return = Some(return_mean);
+        let (step, diverged) = (self.step, evaluation.diverged());
+        if evaluation.buffers_full() > 0 && !std::mem::replace(&mut self.told_full, true) {
+            monitor.note(&format!(
+                "evaluation at step {step}: {BUFFER_FULL}; eval.csv counts such steps"
+            ));
+        }
+        if diverged > 0 {
+            let episodes = evaluation.episodes.len();
+            monitor.note(&format!(
+                "evaluation at step {step}: the simulation diverged in {diverged} of {episodes} episodes, whose returns are \
+                 of the steps before; it is not kept as the best"
+            ));
+            return Ok(());
+        }
         if self.best_return.is_none_or(|best| return_mean > best) {
             self.best_return = Some(return_mean);
             self.save_best()?;
@@ -434,7 +477,32 @@ impl Trainer {
     }
 }
 
-/// Deviation of the exploration noise in environment number `i`, as a fraction of the action limit.
+/// How optimistic critics that begin with `bias` are, in words.
+fn optimism(bias: f64, seen: &Phase1) -> String {
+    let (most, value) = (seen.largest_reward, seen.highest_value());
+    let begins = format!("phase 2: the critics begin with a bias of {bias:.4}");
+    let from = format!("largest reward {most:.4}, discount {}", seen.discount);
+    if seen.discount >= 1.0 {
+        return format!(
+            "{begins}; without a discount nothing bounds what can be attained ({from})"
+        );
+    }
+    let beside = format!("{begins}, beside {value:.4} that can be attained at most ({from})");
+    if most == 0.0 {
+        return format!("{beside}: no optimism, for no reward of phase 1 was above 0");
+    }
+    let times = bias / value;
+    let kind = match (most > 0.0, times > 1.0) {
+        (true, true) => ", more than any policy can reach",
+        (true, false) => "",
+        // Fresh critics say about 0.
+        (false, true) => "; pessimism, for it lies below what can be attained",
+        (false, false) => "; pessimism beside fresh critics, for no reward of phase 1 was above 0",
+    };
+    format!("{beside}: {times:.2} times that{kind}")
+}
+
+/// Deviation of the exploration noise in environment number `i`, as a fraction of half of each number's range.
 fn deviation(config: &Config, i: usize) -> f64 {
     match config.exploration.spread[..] {
         [low, high] => {

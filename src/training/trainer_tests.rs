@@ -27,6 +27,9 @@ impl Monitor for Notes {
 /// Every number of the observation, the reward, and whether the simulation blew up, of step number n.
 type Script = fn(u32) -> (f64, f64, bool);
 
+/// The number of observations in whose step a buffer was full.
+const FULL: f64 = 0.75;
+
 /// A simulation that says what it is told to.
 struct Scripted {
     spec: Spec,
@@ -63,6 +66,7 @@ impl Env for Scripted {
             terminated: false,
             truncated: diverged,
             diverged,
+            buffer_full: number == FULL,
             success: None,
         }
     }
@@ -134,12 +138,12 @@ fn a_diverged_step_is_a_logged_truncation_and_is_not_stored() {
             .chain(&stored.reward)
             .all(|x| x.is_finite())
     );
-    assert_eq!(notes.0.len(), 50);
-    assert!(
-        notes.0[0].contains("step 2: the simulation diverged"),
-        "{}",
-        notes.0[0]
-    );
+    let told = notes
+        .0
+        .iter()
+        .filter(|note| note.contains("the simulation diverged"));
+    assert_eq!(told.count(), 50);
+    assert!(notes.0[0].contains("step 2: "), "{}", notes.0[0]);
     let text = std::fs::read_to_string(trainer.directory.path().join("train.csv")).unwrap();
     let row: Vec<&str> = text.lines().nth(1).unwrap().split(',').collect();
     let diverged = text
@@ -164,6 +168,187 @@ fn phase_2_begins_with_the_bias_of_equation_6_on_all_critics_and_their_targets()
     // r* = 3, l = 1000, c = 1/6.
     assert_eq!(trainer.agent.core.output_biases(), [500.0; 4]);
     assert!(before.iter().all(|bias| bias.abs() < 1.0), "{before:?}");
+}
+
+/// The first biases of the critics and the notes of a run that ends where phase 1 does, and whose largest reward is
+/// `most`.
+fn beginning_of_phase_2(
+    most: fn(u32) -> (f64, f64, bool),
+    settings: &[&str],
+) -> (Vec<f32>, String) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("run");
+    let mut overrides = Overrides::default();
+    for setting in settings {
+        overrides.set(setting).unwrap();
+    }
+    let text = config(40).to_toml();
+    let config = crate::config::parse(&text, "test.toml".as_ref(), &overrides).unwrap();
+    let env = make_env(&config).unwrap();
+    let mut trainer =
+        Trainer::new(config, env, None, || RunDirectory::create(&path, false)).unwrap();
+    Scripted::put_into(&mut trainer, most);
+    let mut notes = Notes(Vec::new());
+    trainer.train(&mut notes, &AtomicBool::new(false)).unwrap();
+    let notes = notes
+        .0
+        .into_iter()
+        .filter(|note| note.starts_with("phase 2"));
+    (
+        trainer.agent.core.output_biases(),
+        notes.collect::<Vec<_>>().join("\n"),
+    )
+}
+
+#[test]
+fn the_bias_of_phase_2_is_told_beside_what_can_be_attained() {
+    let rising = |step: u32| (0.5, f64::from(step % 7) - 3.0, false);
+    // Equation 6: 3 * 1000 / 6, beside 3 / (1 - 0.98).
+    let (biases, note) = beginning_of_phase_2(rising, &[]);
+    assert_eq!(biases, [500.0; 4]);
+    for part in [
+        "bias of 500.0",
+        "150.0",
+        "3.33 times",
+        "more than any policy can reach",
+    ] {
+        assert!(note.contains(part), "{part}: {note}");
+    }
+    // A part of what can be attained.
+    let (biases, note) = beginning_of_phase_2(
+        rising,
+        &["imagination.bias=value", "imagination.bias_factor=0.5"],
+    );
+    assert!(
+        biases.iter().all(|bias| (bias - 75.0).abs() < 1e-3),
+        "{biases:?}"
+    );
+    assert!(
+        note.contains("0.50 times") && !note.contains("more than"),
+        "{note}"
+    );
+    let negative = |step: u32| (0.5, -3.0 - f64::from(step % 7), false);
+    let (biases, note) = beginning_of_phase_2(negative, &[]);
+    assert_eq!(biases, [-500.0; 4]);
+    assert!(
+        note.contains("pessimism") && note.contains("-150.0"),
+        "{note}"
+    );
+    let (_, note) = beginning_of_phase_2(rising, &["imagination.optimism=false"]);
+    assert_eq!(note, "");
+    let (_, note) = beginning_of_phase_2(rising, &["discount=1"]);
+    assert!(note.contains("nothing bounds"), "{note}");
+}
+
+#[test]
+fn full_buffers_are_counted_and_told_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(directory.path(), 50);
+    Scripted::put_into(&mut trainer, |step| {
+        let number = if step % 10 == 0 { FULL } else { 0.5 };
+        (number, 1.0, false)
+    });
+    let mut notes = Notes(Vec::new());
+    trainer.train(&mut notes, &AtomicBool::new(false)).unwrap();
+    let told: Vec<&String> = notes
+        .0
+        .iter()
+        .filter(|note| note.contains("buffer of MuJoCo"))
+        .collect();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].starts_with("step 10: "), "{told:?}");
+    assert_eq!(figures(&trainer, "train.csv", "buffers_full"), ["5"]);
+}
+
+/// The figures of a column of a curve.
+fn figures(trainer: &Trainer, file: &str, column: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(trainer.directory.path().join(file)).unwrap();
+    let mut lines = text.lines();
+    let place = lines
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|name| name == column);
+    let figure = |line: &str| line.split(',').nth(place.unwrap()).unwrap().to_owned();
+    lines.map(figure).collect()
+}
+
+/// A task as long as InvertedPendulum's observations and actions, whose simulation blows up in its first step after a
+/// number of episodes, and which promises much before.
+struct Doomed {
+    episodes: std::sync::atomic::AtomicUsize,
+    sound: usize,
+}
+
+impl crate::env::Task for Doomed {
+    type Carried = [f64; 0];
+
+    fn start(&self, _: &mut Stream, _: &mut [f64], _: &mut [f64]) {
+        self.episodes.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn carry(&self, _: &mujoco_rs::Data) -> [f64; 0] {
+        []
+    }
+
+    fn observe(&self, _: &mujoco_rs::Data, observation: &mut [f64]) {
+        observation.fill(0.0);
+    }
+
+    fn reward(&self, _: &[f64; 0], _: &[f64; 0], _: &mujoco_rs::Data, _: &[f64]) -> f64 {
+        let episode = self.episodes.load(Ordering::Relaxed);
+        if episode > self.sound { f64::NAN } else { -1.0 }
+    }
+
+    fn success(&self, _: &mujoco_rs::Data) -> Option<bool> {
+        Some(true)
+    }
+}
+
+/// Evaluations of which the first `sound` episodes of each environment are sound.
+fn doomed(sound: usize) -> Evaluator {
+    let info = env::Info {
+        max_episode_steps: 3,
+        ..*env::info("InvertedPendulum-v4").unwrap()
+    };
+    let env = || -> Box<dyn env::Inspect> {
+        let model = env::model("InvertedPendulum-v4").unwrap();
+        let task = Doomed {
+            episodes: 0.into(),
+            sound,
+        };
+        Box::new(env::Simulation::new(model, &info, task).unwrap())
+    };
+    Evaluator::within([env(), env()], crate::core::random::stream(0, "eval-env"))
+}
+
+#[test]
+fn an_evaluation_that_diverges_says_so_and_is_never_the_best() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(directory.path(), 100);
+    trainer.config.evaluation.episodes = 2;
+    // The one before the first step is sound; the others would be better, were their returns of whole episodes.
+    trainer.evaluator = doomed(1);
+    let mut notes = Notes(Vec::new());
+    trainer.train(&mut notes, &AtomicBool::new(false)).unwrap();
+    assert_eq!(figures(&trainer, "eval.csv", "diverged"), ["0", "2", "2"]);
+    assert_eq!(
+        figures(&trainer, "eval.csv", "return_mean"),
+        ["-3.0", "0.0", "0.0"]
+    );
+    // Also in the very first step, it is a failure of a task that knows success.
+    assert_eq!(
+        figures(&trainer, "eval.csv", "success_rate"),
+        ["1.0", "0.0", "0.0"]
+    );
+    assert_eq!(trainer.best_return, Some(-3.0));
+    let best = trainer.directory.checkpoint("best");
+    assert_eq!(crate::run::Checkpoint::load(&best).unwrap().step, 0);
+    let told = notes
+        .0
+        .iter()
+        .filter(|note| note.contains("diverged in 2 of 2 episodes"));
+    assert_eq!(told.count(), 2);
 }
 
 #[test]

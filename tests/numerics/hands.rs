@@ -1,6 +1,7 @@
 //! What the hand tasks promise beyond what `mamf verify` compares: starts, goals, success, commands, rules.
 
 use mamf::core::random::{Stream, stream};
+use mamf::core::span::Span;
 use mamf::env::{self, Inspect, PenInertia};
 use mamf::task::{Rules, Start, VelocityReading};
 use std::sync::Arc;
@@ -100,7 +101,11 @@ fn there_are_31_tasks_of_the_published_sizes() {
             spec.max_episode_steps,
         ];
         assert_eq!(found, *sizes, "{id}");
-        assert_eq!(spec.action_limit, 1.0, "{id}");
+        assert_eq!(
+            spec.action_ranges,
+            vec![Span::symmetric(1.0); spec.action_size],
+            "{id}"
+        );
         assert!((spec.dt - 0.04).abs() < 1e-12, "{id}");
     }
     assert_eq!(expected.len(), 31);

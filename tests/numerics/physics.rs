@@ -7,7 +7,7 @@ use rand::RngExt;
 
 /// A uniformly random action of the task.
 fn action(env: &dyn Env, rng: &mut Stream) -> Vec<f64> {
-    let limit = env.spec().action_limit;
+    let limit = env.spec().action_ranges[0].high;
     (0..env.spec().action_size)
         .map(|_| rng.random_range(-limit..limit))
         .collect()
@@ -51,7 +51,7 @@ fn sizes_are_as_published() {
         assert_eq!(spec.id, id);
         assert_eq!((spec.obs_size, spec.action_size), (obs, action), "{id}");
         assert_eq!(
-            (spec.action_limit, spec.max_episode_steps),
+            (spec.action_ranges[0].high, spec.max_episode_steps),
             (limit, steps),
             "{id}"
         );
@@ -151,7 +151,7 @@ fn a_fall_terminates_without_truncating() {
         let (mut env, mut observation) = made(id);
         let mut rng = stream(2, "env");
         env.reset(&mut rng, &mut observation);
-        let push = vec![env.spec().action_limit; env.spec().action_size];
+        let push = vec![env.spec().action_ranges[0].high; env.spec().action_size];
         let fallen = (0..999).map(|_| env.step(&push, &mut observation));
         let last = fallen.into_iter().find(|step| step.terminated);
         assert!(

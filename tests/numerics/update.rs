@@ -3,13 +3,14 @@
 
 use mamf::agent::augment::expansion::RolloutStep;
 use mamf::agent::augment::imagination::{
-    Draws, ImaginaryTargets, Imagination, ImaginationSettings, Readings,
+    Draws, ImaginaryTargets, Imagination, ImaginationSettings, OptimisticBias, Readings,
 };
 use mamf::agent::augment::{Augment, Expansion, ExpansionSettings, Plain};
 use mamf::agent::{
     ActorCritic, AgentSettings, BaseAlgorithm, Imitation, Sample, SmoothingSettings, TargetRule,
     TargetValue, TemperatureSettings, Update, targets,
 };
+use mamf::core::span::Span;
 use mamf::env;
 use mamf::model::{DynamicsModel, DynamicsShape, ModelSettings, World};
 use mamf::nn::{Backend, Coupling, NetworkSettings, Normalisation, ObservationScaling, Weights};
@@ -161,6 +162,7 @@ impl Case {
             noise_deviation: self.f("noise_deviation"),
             noise_relative: self.b("noise_relative"),
             noise_bound: 1.0,
+            bias: OptimisticBias::Return,
             bias_factor: 0.0,
             decay_rate: self.f("rho"),
             readings: Readings::Text,
@@ -168,9 +170,13 @@ impl Case {
             uncertainty_scale: self.parse("uncertainty_scale"),
             imaginary_loss_mean: self.parse("imaginary_loss_mean"),
         };
-        let mut imagination = Imagination::new(&settings, self.f("a_max"), self.world(weights), 0);
+        let mut imagination = Imagination::new(&settings, &self.ranges(), self.world(weights), 0);
         imagination.set_progress(self.f("eta"), self.f("running_max") as f32);
         Added::Imagination(Box::new(imagination))
+    }
+
+    fn ranges(&self) -> Vec<Span> {
+        vec![Span::symmetric(self.f("a_max")); self.n("action_size")]
     }
 
     fn core(&self, weights: &Weights) -> ActorCritic {
@@ -182,10 +188,7 @@ impl Case {
                 critic_learning_rate: self.f("critic_lr"),
                 critic_normalisation: Normalisation::None,
             },
-            coupling: Coupling {
-                beta: self.f("beta"),
-                limit: self.f("a_max"),
-            },
+            coupling: Coupling::new(self.f("beta"), &self.ranges()),
             discount: self.f("gamma"),
             targets: TargetRule::Polyak { tau: self.f("tau") },
             policy_delay: self.n("policy_delay") as u64,

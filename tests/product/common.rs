@@ -143,11 +143,12 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// What went to standard error, but for the size of the replay buffer that every run begins with.
+/// What went to standard error, but for what every run and sweep says: its memory, and how optimistic phase 2 begins.
 pub fn messages(output: &Output) -> String {
+    let usual = ["replay buffer: ", "memory: ", "note: phase 2: "];
     let said = stderr(output);
     let lines = said
         .lines()
-        .filter(|line| !line.starts_with("replay buffer: "));
+        .filter(|line| !usual.iter().any(|words| line.starts_with(words)));
     lines.map(|line| format!("{line}\n")).collect()
 }

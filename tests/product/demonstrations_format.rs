@@ -20,7 +20,7 @@ const SIZES: Sizes<'_> = Sizes {
     obs_size: 4,
     goal_size: 7,
     action_size: 2,
-    action_limit: 1.0,
+    action_ranges: &[mamf::core::span::Span::symmetric(1.0); 2],
 };
 
 /// What a test may change in a trajectory: applied to the positions of row t.

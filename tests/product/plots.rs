@@ -329,6 +329,25 @@ fn figures_are_whole_and_the_same_again() {
     }
 }
 
+#[test]
+fn a_matplotlibrc_changes_no_figure() {
+    let Some(python) = python() else { return };
+    let place = Place::new();
+    two_by_two().iter().for_each(|run| run.write(&place));
+    let figures = ["runs", "--figures", "curves", "--out"];
+    succeed(python, &place, &[&figures[..], &["plain"]].concat());
+    let plain = |out: &str| fs::read(place.path(&format!("{out}/curves.svg"))).unwrap();
+    for (out, text) in [
+        ("odd", &b"lines.linewidth: 9\naxes.facecolor: red\nsavefig.dpi: 10\naxes.prop_cycle: cycler('color', ['k'])\n"[..]),
+        ("broken", b"\xff\xfe: no text"),
+    ] {
+        // That of the working directory is the first one that matplotlib finds.
+        place.write("matplotlibrc", text);
+        succeed(python, &place, &[&figures[..], &[out]].concat());
+        assert!(plain(out) == plain("plain"), "{out}");
+    }
+}
+
 /// Three seeds of MAMF, one with half as many evaluations; two of TD3, one that is not finished; one of SAC, on one
 /// task of two.
 fn uneven() -> Vec<Run> {

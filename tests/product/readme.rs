@@ -1,6 +1,7 @@
 //! The documentation says what the program does, and its links lead somewhere.
 
 use mamf::config::Method;
+use mamf::core::span::in_words;
 use mamf::env;
 use std::path::{Path, PathBuf};
 
@@ -134,7 +135,11 @@ fn every_task_is_listed_with_its_sizes() {
         let row = row.unwrap_or_else(|| panic!("{id} is not in the documentation"));
         let sizes = [spec.obs_size, spec.action_size];
         assert_eq!(row[1..3], sizes.map(|n| n.to_string()), "{id}");
-        assert_eq!(row[3], format!("±{}", spec.action_limit), "{id}");
+        assert_eq!(
+            row[3],
+            in_words(&spec.action_ranges).replace("+-", "±"),
+            "{id}"
+        );
         assert_eq!(row[4], spec.max_episode_steps.to_string(), "{id}");
         let dt: f64 = row[5].parse().unwrap();
         assert!((dt - spec.dt).abs() < 1e-9, "{id}");

@@ -262,6 +262,69 @@ fn only_runs_that_are_left_are_submitted() {
     );
 }
 
+/// A `sbatch` that keeps what it is given, and of the environment what sbatch would take options from.
+const KEEPS: &str = "#!/bin/sh\nenv | grep -e ^SBATCH_ -e ^SLURM_CLUSTERS= >environment\ncp \"$2\" submitted; echo 77\n";
+
+#[test]
+fn variables_of_sbatch_decide_nothing_and_are_told() {
+    let place = Place::new();
+    experiment(&place, &[]);
+    install(&place, "sbatch", KEEPS);
+    let path = std::env::var("PATH").unwrap();
+    let path = format!("{}:{path}", place.path("bin").display());
+    let mut command = place.command(&["sweep", "four.toml", "--slurm", "--time", "60"]);
+    let set = [
+        ("SBATCH_TIMELIMIT", "1"),
+        ("SBATCH_NO_REQUEUE", "1"),
+        ("SBATCH_ARRAY_INX", "0-99"),
+        ("SLURM_CLUSTERS", "elsewhere"),
+    ];
+    let output = command.env("PATH", path).envs(set).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert_eq!(place.read("environment"), "");
+    let script = place.read("submitted");
+    for line in ["--time=60", "--requeue", "--array=0-3"] {
+        assert!(has_line(&script, &format!("#SBATCH {line}")), "{script}");
+    }
+    let said = messages(&output);
+    for (name, value) in set {
+        assert!(said.contains(&format!("{name}={value} ")), "{name}: {said}");
+    }
+}
+
+#[test]
+fn a_run_numbered_above_what_the_cluster_takes_is_submitted_all_the_same() {
+    let place = Place::new();
+    experiment(&place, &[]);
+    install(
+        &place,
+        "scontrol",
+        "#!/bin/sh\necho 'MaxArraySize            = 2'\n",
+    );
+    let print = |more: &[&str]| run_with_bin(&place, &[&PRINT[..], more].concat());
+    let output = print(&["--only", "*/td3/seed-1"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let script = String::from_utf8(output.stdout).unwrap();
+    assert!(has_line(&script, "#SBATCH --array=0"), "{script}");
+    // Element 0 makes run 3.
+    let output = element(&place, &script, 0).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(place.path("runs/four/small/td3/seed-1/eval.csv").exists());
+    assert!(!place.path("runs/four/small/mamf").exists());
+
+    install(
+        &place,
+        "scontrol",
+        "#!/bin/sh\necho 'MaxArraySize            = 2'\n",
+    );
+    let output = print(&[]);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    let said = messages(&output);
+    for part in ["3 runs", "MaxArraySize", "--only"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+}
+
 /// Runs a printed script as Slurm would run an element of its array, with a `scontrol` that notes what it is
 /// asked.
 fn element(place: &Place, script: &str, index: usize) -> Child {

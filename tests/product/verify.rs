@@ -78,7 +78,7 @@ fn record(id: &str, steps: u64) -> Arrays {
     };
     row(env.as_ref(), &observation);
     for _ in 0..steps {
-        let limit = env.spec().action_limit;
+        let limit = env.spec().action_ranges[0].high;
         let a: Vec<f64> = (0..nu).map(|_| rng.random_range(-limit..limit)).collect();
         let step = env.step(&a, &mut observation);
         action.extend(a);

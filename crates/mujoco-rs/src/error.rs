@@ -19,6 +19,11 @@ pub enum Error {
     /// The library could not allocate memory.
     #[error("MuJoCo could not allocate memory for {0}")]
     Allocation(&'static str),
+    /// An actuator, by its number from 0, has no limits of its commands, or nothing between them.
+    #[error(
+        "actuator {0} (from 0) has no range of commands: give it ctrllimited=\"true\" and a ctrlrange"
+    )]
+    NoCommandRange(usize),
     /// The model has no object of that kind and name.
     #[error("the model has no {kind} called `{name}`")]
     NoSuchObject {

@@ -66,6 +66,11 @@ impl Warnings {
         self.counts[warning.index()].max(0) as usize
     }
 
+    /// How often the buffer of contacts or that of constraints was full, so that some were left out of the physics.
+    pub fn buffers_full(&self) -> usize {
+        self.count(Warning::ContactFull) + self.count(Warning::ConstraintFull)
+    }
+
     /// Whether the simulation left the range of sound numbers.
     ///
     /// [`Data::step_n`](crate::Data::step_n) has then put the model back into its initial state (or

@@ -72,7 +72,7 @@ impl Expansion {
         range: Range<usize>,
     ) -> Vec<RolloutStep> {
         let (batch, so, sa) = (&inputs.sample.batch, core.obs_size, core.action_size);
-        let coupling = core.settings.coupling;
+        let coupling = &core.settings.coupling;
         let step = |observed, action, reward, terminated| RolloutStep {
             observed,
             action,

@@ -28,10 +28,10 @@ pub trait Augment: Send + Sync {
         false
     }
 
-    /// Phase 2 begins, before the first update of the core: `most` is the largest reward of phase 1 times the episode
-    /// limit.
-    fn begin(&mut self, core: &mut ActorCritic, most: f64) {
-        let _ = (core, most);
+    /// Phase 2 begins, before the first update of the core. Returns the bias that the critics are given, if they are.
+    fn begin(&mut self, core: &mut ActorCritic, seen: &Phase1) -> Option<f64> {
+        let _ = (core, seen);
+        None
     }
 
     /// Whether [`probe`](Augment::probe) has something to tell.
@@ -97,6 +97,29 @@ pub trait Augment: Send + Sync {
             Some(learned) => learned.restore(state),
             None => Ok(()),
         }
+    }
+}
+
+/// What phase 1 has shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Phase1 {
+    /// `r*`, its largest reward.
+    pub largest_reward: f64,
+    /// `l`, the steps of the longest episode.
+    pub episode_limit: usize,
+    /// The discount factor.
+    pub discount: f64,
+}
+
+impl Phase1 {
+    /// `r* l`: the return of an episode of nothing but the largest reward.
+    pub fn highest_return(&self) -> f64 {
+        self.largest_reward * self.episode_limit as f64
+    }
+
+    /// `r* / (1 - gamma)`: the value of nothing but the largest reward for ever, infinite where nothing is discounted.
+    pub fn highest_value(&self) -> f64 {
+        self.largest_reward / (1.0 - self.discount)
     }
 }
 

@@ -29,7 +29,7 @@ impl Deterministic {
         Self {
             actor: TrainableNetwork::new(actor, settings.networks.actor_learning_rate, device),
             target,
-            coupling: settings.coupling,
+            coupling: settings.coupling.clone(),
             smoothing: smooths.then(|| settings.smoothing.clone()),
             imitation: settings.imitation,
         }
@@ -47,12 +47,14 @@ impl Actor for Deterministic {
         let mut output = self.target.forward(observed);
         self.coupling.output_in_place(&mut output);
         if let Some(smoothing) = &self.smoothing {
-            let limit = self.coupling.limit as f32;
-            let deviation = smoothing.deviation as f32 * limit;
-            let clip = smoothing.clip as f32 * limit;
-            for (u, z) in output.iter_mut().zip(noise) {
-                *u = (*u + (deviation * z).clamp(-clip, clip)).clamp(-limit, limit);
-            }
+            let mut noise = noise.iter();
+            self.coupling.each(&mut output, |u, range| {
+                let z = noise.next().copied().unwrap_or_default();
+                let deviation = smoothing.deviation as f32 * range.half;
+                let clip = smoothing.clip as f32 * range.half;
+                let smoothed = *u + (deviation * z).clamp(-clip, clip);
+                *u = smoothed.clamp(range.low, range.high);
+            });
         }
         NextOutput {
             output,
@@ -67,7 +69,7 @@ impl Actor for Deterministic {
         let sa = batch.previous_action.len() / batch.rows;
         let device = self.actor.device().clone();
         let critic = critics.first().frozen();
-        let (coupling, imitation) = (self.coupling, self.imitation);
+        let (coupling, imitation) = (&self.coupling, self.imitation);
         let first_recorded = batch.rows - batch.recorded;
         let imitates = imitation.weight > 0.0 && batch.recorded > 0;
         let scale = if imitates {
@@ -138,6 +140,7 @@ mod tests {
     use crate::agent::{ActorCritic, TargetValue};
     use crate::config::{Config, Method};
     use crate::core::random::{Stream, fill_normal, stream};
+    use crate::core::span::Span;
     use crate::nn::Backend;
 
     const ROWS: usize = 12;
@@ -151,10 +154,7 @@ mod tests {
         AgentSettings {
             base: BaseAlgorithm::Td3,
             networks: config.networks,
-            coupling: Coupling {
-                beta: 0.7,
-                limit: 1.0,
-            },
+            coupling: Coupling::new(0.7, &[Span::symmetric(1.0); ACTION]),
             discount: 0.98,
             targets: crate::agent::TargetRule::Polyak { tau: 0.005 },
             policy_delay: 2,

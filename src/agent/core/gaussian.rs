@@ -15,9 +15,9 @@ use std::f64::consts::{LN_2, PI};
 /// Range of the log-deviations.
 const LOG_DEVIATION: [f64; 2] = [-20.0, 2.0];
 
-/// `u = limit tanh(m + exp(l) z)`, mean `m` and log-deviation `l` being the network's outputs.
+/// `u = middle + half tanh(m + exp(l) z)`, mean `m` and log-deviation `l` being the network's outputs.
 ///
-/// Densities are those of `u / limit`: the constant `log limit` a number is left out, so that the
+/// Densities are those of `(u - middle) / half`: the constant `log half` a number is left out, so that the
 /// target entropy `-|A|` means the same for every task.
 pub struct Gaussian {
     actor: TrainableNetwork,
@@ -31,7 +31,7 @@ impl Gaussian {
     pub fn new(settings: &AgentSettings, actor: Mlp, device: &Device) -> Self {
         Self {
             actor: TrainableNetwork::new(actor, settings.networks.actor_learning_rate, device),
-            coupling: settings.coupling,
+            coupling: settings.coupling.clone(),
             log_temperature: settings.temperature.initial.ln(),
             adam: ScalarAdam::new(settings.temperature.learning_rate),
         }
@@ -60,7 +60,7 @@ impl Gaussian {
         // log(1 - tanh(x)^2), without its cancellation.
         let squash = (softplus(x.clone() * -2.0, 1.0) + x.clone() - LN_2) * -2.0;
         let log_density = (normal - squash).sum_dim(1);
-        [x.tanh() * self.coupling.limit, log_density]
+        [self.coupling.spread(x.tanh()), log_density]
     }
 
     /// One step of the temperature towards the entropy `-|A|`, from the mean log-density of the
@@ -78,11 +78,11 @@ impl Gaussian {
 pub fn sample_in_place(
     network: &[f32],
     noise: &[f32],
-    action_size: usize,
-    coupling: Coupling,
+    coupling: &Coupling,
     mut log_density: Option<&mut Vec<f32>>,
 ) -> Vec<f32> {
-    let limit = coupling.limit as f32;
+    let ranges = coupling.ranges();
+    let action_size = ranges.len();
     let constant = 0.5 * (2.0 * PI).ln() as f32;
     let [lowest, highest] = LOG_DEVIATION.map(|x| x as f32);
     let rows = network.chunks_exact(2 * action_size);
@@ -90,10 +90,10 @@ pub fn sample_in_place(
     for (row, noise) in rows.zip(noise.chunks_exact(action_size)) {
         let (mean, log_deviation) = row.split_at(action_size);
         let mut density = 0.0;
-        for ((m, l), z) in mean.iter().zip(log_deviation).zip(noise) {
+        for (((m, l), z), range) in mean.iter().zip(log_deviation).zip(noise).zip(ranges) {
             let l = l.clamp(lowest, highest);
             let x = m + l.exp() * z;
-            output.push(limit * x.tanh());
+            output.push(range.half * x.tanh() + range.middle);
             if log_density.is_some() {
                 let softplus = (-2.0 * x).max(0.0) + (-2.0 * x.abs()).exp().ln_1p();
                 let squash = 2.0 * (LN_2 as f32 - x - softplus);
@@ -108,7 +108,7 @@ pub fn sample_in_place(
 }
 
 impl Actor for Gaussian {
-    /// `limit tanh(m)`.
+    /// `middle + half tanh(m)`.
     fn output(&self, observed: &[f32]) -> Vec<f32> {
         let network = self.actor.mlp().forward(observed);
         let size = self.actor.mlp().outputs() / 2;
@@ -122,7 +122,7 @@ impl Actor for Gaussian {
         let network = self.actor.mlp().forward(observed);
         let size = self.actor.mlp().outputs() / 2;
         let mut bonus = Vec::with_capacity(noise.len() / size);
-        let output = sample_in_place(&network, noise, size, self.coupling, Some(&mut bonus));
+        let output = sample_in_place(&network, noise, &self.coupling, Some(&mut bonus));
         let temperature = self.temperature() as f32;
         bonus.iter_mut().for_each(|x| *x *= -temperature);
         NextOutput {
@@ -166,7 +166,7 @@ impl Actor for Gaussian {
         let temperature_loss = self.step_temperature(log_density, sa);
         metrics.set("temperature", temperature as f32);
         metrics.set("temperature_loss", temperature_loss as f32);
-        // In units of the action limit.
+        // Of actions that reach from -1 to 1.
         metrics.set("entropy", -(log_density as f32));
     }
 
@@ -203,13 +203,11 @@ impl Actor for Gaussian {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::span::Span;
 
     #[test]
     fn densities_integrate_to_one() {
-        let coupling = Coupling {
-            beta: 1.0,
-            limit: 2.0,
-        };
+        let coupling = Coupling::new(1.0, &[Span::symmetric(2.0)]);
         // One number with mean 0.3 and deviation 0.7: the density of u / limit over its range.
         let network = [0.3f32, 0.7f32.ln()];
         let (steps, mut integral) = (4000, 0.0);
@@ -217,7 +215,7 @@ mod tests {
             let y = -1.0 + 2.0 * (f64::from(i) + 0.5) / f64::from(steps);
             let z = ((y.atanh() - 0.3) / 0.7) as f32;
             let mut density = Vec::new();
-            let u = sample_in_place(&network, &[z], 1, coupling, Some(&mut density));
+            let u = sample_in_place(&network, &[z], &coupling, Some(&mut density));
             assert!((f64::from(u[0]) - 2.0 * y).abs() < 1e-5);
             integral += f64::from(density[0]).exp() * 2.0 / f64::from(steps);
         }
@@ -226,13 +224,10 @@ mod tests {
 
     #[test]
     fn far_out_the_density_stays_finite() {
-        let coupling = Coupling {
-            beta: 1.0,
-            limit: 1.0,
-        };
+        let coupling = Coupling::new(1.0, &[Span::symmetric(1.0)]);
         for mean in [-80.0f32, 80.0] {
             let mut density = Vec::new();
-            let u = sample_in_place(&[mean, -30.0], &[0.0], 1, coupling, Some(&mut density));
+            let u = sample_in_place(&[mean, -30.0], &[0.0], &coupling, Some(&mut density));
             assert_eq!(u[0].abs(), 1.0);
             // -l + 2 |x| - 2 log 2 - log(2 pi) / 2 with l = -20.
             assert!(

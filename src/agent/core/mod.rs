@@ -136,7 +136,7 @@ impl ActorCritic {
     /// Target critics at the policy's next action in `next_obs` (scaled, `[n, obs_size]`), reached by `action`;
     /// `noise` is standard normal, `[n, action_size]` both. The entropy's share of the value is in it.
     pub fn bootstrap(&self, next_obs: &[f32], action: &[f32], noise: &[f32]) -> Values {
-        let coupling = self.settings.coupling;
+        let coupling = &self.settings.coupling;
         let observed = self.observe(next_obs, action);
         let next = self.actor.next_output(&observed, noise);
         let mut next_action = next.output;
@@ -290,7 +290,7 @@ impl ActorCritic {
     ) -> Vec<f32> {
         let observed = self.observe(&scaling.scale(obs), previous_action);
         let mut action = self.output(&observed);
-        let coupling = self.settings.coupling;
+        let coupling = &self.settings.coupling;
         coupling.execute_in_place(&mut action, previous_action);
         self.q(obs, previous_action, &action, scaling)
     }

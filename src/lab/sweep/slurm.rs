@@ -1,5 +1,6 @@
 //! An experiment as a job array of Slurm: a batch script, each element of which makes one run.
 
+use std::ffi::OsString;
 use std::fmt::{self, Display, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -42,6 +43,17 @@ pub enum SlurmError {
         signal_before: u16,
         /// Seconds that the limit must exceed.
         least: u64,
+    },
+    /// The cluster takes no array of so many.
+    #[error(
+        "{count} runs are too many for one job array, this cluster takes {most} (its MaxArraySize); \
+        submit some of them at a time, which --only chooses"
+    )]
+    TooMany {
+        /// Runs that are left.
+        count: usize,
+        /// Elements that the cluster takes.
+        most: usize,
     },
     /// A word that can't stand in a script.
     #[error("{word:?} can't be put into a batch script: it has {reason}")]
@@ -205,6 +217,31 @@ pub struct Elements {
     pub directory: PathBuf,
     /// Folder of what they say; absolute.
     pub logs: PathBuf,
+    /// Numbers that elements of an array may have, from 0 (`MaxArraySize` of the cluster).
+    pub most: usize,
+}
+
+/// `MaxArraySize` of a cluster that says nothing else (`man slurm.conf`).
+pub const MOST_ELEMENTS: usize = 1_001;
+
+/// `MaxArraySize` of this cluster; what it is by default where that can't be asked.
+pub fn most_elements() -> usize {
+    let asked = Command::new("scontrol")
+        .args(["show", "config"])
+        .stdin(Stdio::null())
+        .stderr(Stdio::null())
+        .output();
+    let said = asked.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
+    said.ok()
+        .and_then(|said| array_size(&said))
+        .unwrap_or(MOST_ELEMENTS)
+}
+
+/// `MaxArraySize` in what `scontrol show config` prints.
+fn array_size(config: &str) -> Option<usize> {
+    let mut lines = config.lines().filter_map(|line| line.split_once('='));
+    let (_, value) = lines.find(|(name, _)| name.trim() == "MaxArraySize")?;
+    value.trim().parse().ok()
 }
 
 /// The batch script of an array.
@@ -222,7 +259,26 @@ pub fn script(request: &Request, elements: &Elements) -> Result<String, SlurmErr
             least,
         });
     }
-    let mut array = ranges(&elements.indices);
+    // Elements have the numbers of their runs, as people read them, where the cluster has such numbers.
+    let indices = &elements.indices;
+    let counted: Vec<usize> = (0..indices.len()).collect();
+    let fits = |numbers: &[usize]| numbers.last().is_none_or(|last| *last < elements.most);
+    let (numbers, list, number) = if fits(indices) {
+        (indices, String::new(), "$SLURM_ARRAY_TASK_ID")
+    } else if fits(&counted) {
+        let words: Vec<String> = indices.iter().map(usize::to_string).collect();
+        let list = format!(
+            "\n# The run of each element: the cluster has no elements of such numbers.\nruns=({})\n",
+            words.join(" ")
+        );
+        (&counted, list, "${runs[$SLURM_ARRAY_TASK_ID]}")
+    } else {
+        return Err(SlurmError::TooMany {
+            count: indices.len(),
+            most: elements.most,
+        });
+    };
+    let mut array = ranges(numbers);
     if let Some(most) = request.max_parallel {
         array += &format!("%{most}");
     }
@@ -281,8 +337,8 @@ hear() {{
 }}
 trap 'signal=${{signal:-USR1}}; hear' USR1
 trap 'signal=TERM; hear' TERM
-
-{command} --task-index "$SLURM_ARRAY_TASK_ID" &
+{list}
+{command} --task-index "{number}" &
 child=$!
 # One that came before the process had its number.
 if [ -n "$signal" ]; then kill -TERM "$child" 2>/dev/null; fi
@@ -383,6 +439,10 @@ impl Sbatch {
     pub fn submit(&self, script: &Path) -> Result<String, SubmitError> {
         let mut command = Command::new(&self.0);
         let command = command.arg("--parsable").arg(script).stdin(Stdio::null());
+        // They would have the last word over the script.
+        for (name, _) in deciding() {
+            command.env_remove(name);
+        }
         let output = command.output().map_err(|error| SubmitError::Start {
             sbatch: self.0.clone(),
             error,
@@ -402,9 +462,55 @@ impl Sbatch {
     }
 }
 
+/// Variables of the environment that sbatch takes options from, with their values. What is asked of a job stands in its
+/// script alone.
+pub fn deciding() -> impl Iterator<Item = (OsString, OsString)> {
+    let options = |name: &OsString| {
+        let name = name.to_string_lossy();
+        name.starts_with("SBATCH_")
+            || ["SLURM_CLUSTERS", "SLURM_HINT", "SLURM_UMASK"].contains(&&*name)
+    };
+    std::env::vars_os().filter(move |(name, _)| options(name))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn runs_whose_numbers_no_element_may_have_are_counted_anew() {
+        let script = |indices: Vec<usize>, most| {
+            let elements = Elements {
+                indices,
+                most,
+                ..elements()
+            };
+            script(&request(), &elements)
+        };
+        let plain = script(vec![2, 1000], 1001).unwrap();
+        assert!(
+            plain.contains("--array=2,1000\n")
+                && plain.contains("--task-index \"$SLURM_ARRAY_TASK_ID\" &")
+        );
+        let counted = script(vec![1001, 2500], 1001).unwrap();
+        assert!(
+            counted.contains("--array=0-1\n") && counted.contains("\nruns=(1001 2500)\n"),
+            "{counted}"
+        );
+        assert!(
+            counted.contains("--task-index \"${runs[$SLURM_ARRAY_TASK_ID]}\" &"),
+            "{counted}"
+        );
+        let error = script((0..5).collect(), 4).unwrap_err().to_string();
+        for part in ["5 runs", "takes 4", "MaxArraySize", "--only"] {
+            assert!(error.contains(part), "{error}");
+        }
+        assert_eq!(
+            array_size("A = 3\nMaxArraySize            = 77\n"),
+            Some(77)
+        );
+        assert_eq!(array_size("MaxArraySizes = 77\n"), None);
+    }
 
     fn request() -> Request {
         Request {
@@ -429,6 +535,7 @@ mod tests {
             arguments: vec!["sweep".into(), "e.toml".into()],
             directory: "/data".into(),
             logs: "/data/runs/e/slurm".into(),
+            most: MOST_ELEMENTS,
         }
     }
 

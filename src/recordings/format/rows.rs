@@ -1,5 +1,7 @@
 //! Rows of equal length.
 
+use crate::core::span::Span;
+
 /// Rows of equal length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rows {
@@ -37,11 +39,13 @@ impl Rows {
         (t < self.rows).then(|| &self.numbers[t * self.columns..][..self.columns])
     }
 
-    /// The same rows with each number brought into `-limit..=limit`.
+    /// The same rows with each number brought into the range of its column.
     #[must_use]
-    pub fn clipped(mut self, limit: f64) -> Rows {
-        for x in &mut self.numbers {
-            *x = x.min(limit).max(-limit);
+    pub fn clipped(mut self, ranges: &[Span]) -> Rows {
+        for row in self.numbers.chunks_exact_mut(self.columns.max(1)) {
+            for (x, range) in row.iter_mut().zip(ranges) {
+                *x = range.clip(*x);
+            }
         }
         self
     }
@@ -64,8 +68,16 @@ mod tests {
         assert_eq!(rows.get(1), Some(&[1.0, f64::INFINITY][..]));
         assert_eq!(rows.get(2), None);
         assert_eq!(rows.first_beyond(1e10), Some((1, f64::INFINITY)));
-        let clipped = rows.clipped(1.0);
-        assert_eq!(clipped.get(0), Some(&[0.5, -1.0][..]));
+        let ranges = [
+            Span {
+                low: 0.6,
+                high: 0.9,
+            },
+            Span::symmetric(1.0),
+        ];
+        let clipped = rows.clipped(&ranges);
+        assert_eq!(clipped.get(0), Some(&[0.6, -1.0][..]));
+        assert_eq!(clipped.get(1), Some(&[0.9, 1.0][..]));
         assert_eq!(clipped.first_beyond(1e10), None);
     }
 

@@ -5,15 +5,17 @@ mod settings;
 
 pub use filters::{Kept, TargetFilter, UncertaintyFilter, keep};
 pub use settings::{
-    ImaginaryLossMean, ImaginationSettings, Readings, TargetComparison, UncertaintyScale,
+    ImaginaryLossMean, ImaginationSettings, OptimisticBias, Readings, TargetComparison,
+    UncertaintyScale,
 };
 
-use super::{Augment, Learned, Probe};
+use super::{Augment, Learned, Phase1, Probe};
 use crate::agent::core::{ActorCritic, CriticRows, Inputs, Values};
 use crate::agent::sample::standard_normal;
 use crate::agent::{Metrics, Sample};
 use crate::core::parallel::{halves, join};
 use crate::core::random::{Stream, stream};
+use crate::core::span::Span;
 use crate::model::{Imagined, World};
 use crate::nn::{Gradient, LearningState, ObservationScaling, WeightError, rows_of};
 use crate::replay::{Batch, ReplayBuffer, Sampler};
@@ -23,17 +25,19 @@ use std::ops::Range;
 /// The paper's augmentation: what actions that the policy might have taken would have led to, in a learned world.
 pub struct Imagination {
     learned: Learned,
-    /// Deviation of the actions' noise before it is clipped.
-    deviation: f64,
-    /// `eta`, the bound of that noise now.
+    /// Deviation of each number's noise before it is clipped.
+    deviations: Vec<f32>,
+    /// Half of each number's range as a fraction of half of the widest one.
+    widths: Vec<f64>,
+    /// `eta`, the bound of that noise now, of the number with the widest range.
     noise_bound: f64,
     /// `rho`, what the bound is multiplied by an update; 1 for none.
     decay: f64,
     target_filter: Option<TargetFilter>,
     uncertainty_filter: Option<UncertaintyFilter>,
     loss_mean: ImaginaryLossMean,
-    /// `c` of equation 6, if the critics start optimistically.
-    optimism: Option<f64>,
+    /// What the bias is a part of, and `c`, the part, if the critics start optimistically.
+    optimism: Option<(OptimisticBias, f64)>,
     rng: Stream,
     draws: Draws,
     last: ImaginaryTargets,
@@ -85,24 +89,26 @@ impl Draws {
 }
 
 impl Imagination {
-    /// Imagination at the beginning of phase 2 for actions within `action_limit`.
+    /// Imagination at the beginning of phase 2 for actions within `ranges`.
     pub fn new(
         settings: &ImaginationSettings,
-        action_limit: f64,
+        ranges: &[Span],
         world: World,
         seed: u64,
     ) -> Imagination {
-        let unit = if settings.noise_relative {
-            action_limit
-        } else {
-            1.0
+        let halves = || ranges.iter().map(|range| range.half());
+        let widest = halves().fold(0.0, f64::max);
+        let deviation = |half: f64| {
+            let unit = if settings.noise_relative { half } else { 1.0 };
+            (settings.noise_deviation * unit) as f32
         };
         let target = settings.target_filter;
         let uncertainty = settings.uncertainty_filter;
         Imagination {
             learned: Learned::new(world, seed),
-            deviation: settings.noise_deviation * unit,
-            noise_bound: settings.noise_bound * action_limit,
+            deviations: halves().map(deviation).collect(),
+            widths: halves().map(|half| half / widest).collect(),
+            noise_bound: settings.noise_bound * widest,
             decay: if settings.noise_decay {
                 settings.decay_rate
             } else {
@@ -112,7 +118,9 @@ impl Imagination {
             uncertainty_filter: uncertainty
                 .then(|| UncertaintyFilter::new(settings.uncertainty_scale)),
             loss_mean: settings.imaginary_loss_mean,
-            optimism: settings.optimism.then_some(settings.bias_factor),
+            optimism: settings
+                .optimism
+                .then_some((settings.bias, settings.bias_factor)),
             rng: stream(seed, "imagination"),
             draws: Draws::default(),
             last: ImaginaryTargets::default(),
@@ -151,11 +159,16 @@ impl Imagination {
         let (batch, so, sa) = (&inputs.sample.batch, core.obs_size, core.action_size);
         let rows = |data, width| rows_of(data, width, &range);
         let mut action = rows(policy, sa).to_vec();
-        let (deviation, bound) = (self.deviation as f32, self.noise_bound as f32);
-        for (u, z) in action.iter_mut().zip(rows(&draws.action, sa)) {
-            *u += (deviation * z).clamp(-bound, bound);
+        let bounds = self.widths.iter().map(|width| self.noise_bound * width);
+        let bounds: Vec<f32> = bounds.map(|bound| bound as f32).collect();
+        let noise = rows(&draws.action, sa).chunks_exact(sa);
+        for (row, noise) in action.chunks_exact_mut(sa).zip(noise) {
+            let figures = self.deviations.iter().zip(&bounds);
+            for ((u, z), (deviation, bound)) in row.iter_mut().zip(noise).zip(figures) {
+                *u += (deviation * z).clamp(-bound, *bound);
+            }
         }
-        let coupling = core.settings.coupling;
+        let coupling = &core.settings.coupling;
         coupling.execute_in_place(&mut action, rows(&batch.previous_action, sa));
         let (raw, obs) = (rows(&batch.obs, so), rows(&inputs.obs, so));
         let imagined = self
@@ -190,11 +203,16 @@ impl Augment for Imagination {
         Some(&mut self.learned)
     }
 
-    /// `b = r* l c` (equation 6).
-    fn begin(&mut self, core: &mut ActorCritic, most: f64) {
-        if let Some(factor) = self.optimism {
-            core.set_optimism((most * factor) as f32);
-        }
+    /// `b = r* l c` (equation 6), or `b = c r* / (1 - gamma)`.
+    fn begin(&mut self, core: &mut ActorCritic, seen: &Phase1) -> Option<f64> {
+        let (bias, factor) = self.optimism?;
+        let most = match bias {
+            OptimisticBias::Return => seen.highest_return(),
+            OptimisticBias::Value => seen.highest_value(),
+        };
+        let bias = most * factor;
+        core.set_optimism(bias as f32);
+        Some(bias)
     }
 
     fn can_probe(&self) -> bool {

@@ -2,6 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
+/// What the bias of an optimistic start is a part of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OptimisticBias {
+    /// The undiscounted return of the largest reward of phase 1 at every step (equation 6).
+    Return,
+    /// The discounted value of that: the largest that any policy could have.
+    Value,
+}
+
 /// By what the disagreement of the target critics is divided to give a probability.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -56,11 +66,13 @@ pub struct ImaginationSettings {
     pub uncertainty_filter: bool,
     /// Deviation of the actions' noise before it is clipped; 1 is `N(0, 1)` of equation 7.
     pub noise_deviation: f64,
-    /// Whether that deviation is a fraction of the action limit.
+    /// Whether that deviation is a fraction of half of each action number's range.
     pub noise_relative: bool,
-    /// Bound `eta` of the noise at first, as a fraction of the action limit.
+    /// Bound `eta` of the noise at first, as a fraction of half of each action number's range.
     pub noise_bound: f64,
-    /// `c` in equation 6.
+    /// What the critics' first bias is a part of.
+    pub bias: OptimisticBias,
+    /// `c` in equation 6, that part.
     pub bias_factor: f64,
     /// `rho`: factor of the noise bound per update.
     pub decay_rate: f64,
