@@ -63,7 +63,9 @@ impl Provenance {
             commit: option_env!("MAMF_COMMIT"),
             mujoco: mujoco_rs::version_string(),
             rustc: env!("MAMF_RUSTC"),
-            command: std::env::args().collect(),
+            command: std::env::args_os()
+                .map(|word| word.to_string_lossy().into_owned())
+                .collect(),
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
             host: host(),
             cpu: processor(),

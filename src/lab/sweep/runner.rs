@@ -1,6 +1,7 @@
 //! Runs of an experiment side by side: processes of this program.
 
 use super::{PlannedRun, Progress, Standing};
+use crate::core::paths::operand;
 use signal_hook::consts::SIGTERM;
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -148,17 +149,17 @@ fn begin<'a>(
         Standing::Finished => return Err(Ended::Finished),
         Standing::InTheWay(reason) => return Err(Ended::Failed(reason)),
         Standing::Interrupted(step) => {
-            command.arg("--resume").arg(&directory);
+            command.arg("--resume").arg(operand(&directory));
             command.args(["--steps", &run.config.steps.to_string()]);
             step
         }
         Standing::Absent => {
-            command.arg("--config").arg(&run.file);
+            command.arg("--config").arg(operand(&run.file));
             for setting in &run.settings {
                 command.args(["--set", setting]);
             }
             command.args(["--seed", &run.seed.to_string()]);
-            command.arg("--out").arg(&directory);
+            command.arg("--out").arg(operand(&directory));
             0
         }
     };
