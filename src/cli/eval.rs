@@ -86,7 +86,7 @@ fn create(path: &Path) -> Result<NewFile, Misuse> {
         let shown = path.display();
         Misuse(match error.kind() {
             ErrorKind::AlreadyExists => {
-                format!("--csv {shown}: exists already and is not overwritten; name a new file")
+                format!("--csv {shown}: exists already; it must be a new file")
             }
             _ => format!("--csv {shown}: {error}"),
         })

@@ -426,6 +426,7 @@ mod failure {
     use std::path::{Path, PathBuf};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
+    use std::time::SystemTime;
 
     /// Operations left until it fails; `u64::MAX` once it has.
     #[derive(Debug, Clone)]
@@ -447,23 +448,28 @@ mod failure {
         }
     }
 
-    /// Directories of a lower layer of overlayfs, by their inodes: they are not renamed.
+    /// Directories of a lower layer of overlayfs: they are not renamed. An inode is used again, and then made later.
     #[derive(Debug, Clone, Default)]
-    pub(super) struct LowerLayer(Arc<BTreeSet<u64>>);
+    pub(super) struct LowerLayer(Arc<BTreeSet<(u64, SystemTime)>>);
 
     impl LowerLayer {
         pub(super) fn renames(&self, path: &Path) -> bool {
-            let inode = path.metadata().map(|found| found.ino());
-            inode.is_ok_and(|inode| !self.0.contains(&inode))
+            self.0.is_empty() || !self.0.contains(&which(path))
         }
+    }
+
+    fn which(path: &Path) -> (u64, SystemTime) {
+        let found = path.metadata().unwrap();
+        (found.ino(), found.created().unwrap())
     }
 
     impl Files {
         /// A file system on which `directories` are not renamed, as overlayfs does not rename those of a lower layer.
         pub(crate) fn over(directories: &[PathBuf]) -> Files {
-            let inode = |path: &PathBuf| path.metadata().unwrap().ino();
             Files {
-                below: LowerLayer(Arc::new(directories.iter().map(inode).collect())),
+                below: LowerLayer(Arc::new(
+                    directories.iter().map(|path| which(path)).collect(),
+                )),
                 ..Files::default()
             }
         }

@@ -379,13 +379,15 @@ mod tests {
         let then = written.newest(CAPACITY);
         push(&mut written, 45);
         log.append(&files, &written).unwrap();
-        fs::write(path.join("stranger"), "left by a crash").unwrap();
+        fs::write(path.join("000000000099.f32"), "left by a crash").unwrap();
+        fs::write(path.join("stranger"), "somebody else's").unwrap();
 
         let mut read = buffer();
         let log = ReplayLog::read(&path, &first, &mut read).unwrap();
         assert_eq!(read.newest(CAPACITY), then);
         log.trim(&files, read.width()).unwrap();
-        assert_eq!(names(&path), ["000000000000.f32", "000000000016.f32"]);
+        let kept = ["000000000000.f32", "000000000016.f32", "stranger"];
+        assert_eq!(names(&path), kept);
         let length = fs::metadata(path.join("000000000016.f32")).unwrap().len();
         assert_eq!(length, bytes(14, read.width()));
     }

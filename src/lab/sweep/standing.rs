@@ -125,6 +125,9 @@ mod tests {
         fs::write(&state, "{\"step\": 40}").unwrap();
         assert_eq!(standing(&planned), Standing::Interrupted(40));
         planned.steps = 40;
+        // Its last evaluation is still to be made.
+        assert_eq!(standing(&planned), Standing::Interrupted(40));
+        fs::write(run.join("eval.csv"), "step,episodes\n40,1\n").unwrap();
         assert_eq!(standing(&planned), Standing::Finished);
         planned.discount = 0.5;
         match standing(&planned) {
