@@ -29,15 +29,12 @@ fn toml_and_json_are_read_however_they_were_saved() {
         place.path("rollouts/Hopper.npz"),
     )
     .unwrap();
-    let encoded = [
-        encodings(&small),
-        encodings(&settings),
-        encodings(experiment),
-    ];
-    for number in 0..encoded[0].len() {
-        place.write("c.toml", &encoded[0][number]);
-        place.write("rollouts/Hopper.json", &encoded[1][number]);
-        place.write("e.toml", &encoded[2][number]);
+    let encoded = encodings(&small).into_iter().zip(encodings(&settings));
+    let encoded = encoded.zip(encodings(experiment)).enumerate();
+    for (number, ((small, settings), experiment)) in encoded {
+        place.write("c.toml", small);
+        place.write("rollouts/Hopper.json", settings);
+        place.write("e.toml", experiment);
         let out = format!("run-{number}");
         let mut arguments = small_run("inverted_pendulum", &out, &[]);
         arguments[2] = "c.toml".into();
