@@ -129,7 +129,8 @@ def options_of(arguments):
     if arguments.merge:
         options.append("--merge")
     if arguments.reference:
-        options += ["--reference", str(arguments.reference)]
+        # Its name may begin with a dash.
+        options.append(f"--reference={arguments.reference}")
     return [*options, "--", *arguments.runs]
 
 
@@ -178,6 +179,16 @@ def write(save, drawn, text, out, formats):
     return list(made)
 
 
+def say(paths):
+    """Names what was written. A path is bytes, and nobody need listen: all is done."""
+    try:
+        sys.stdout.buffer.write(b"".join(os.fsencode(path) + b"\n" for path in paths))
+        sys.stdout.flush()
+    except OSError:
+        # Else Python tries again when it ends, and complains.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main():
     arguments = parse_arguments()
     try:
@@ -193,11 +204,11 @@ def main():
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     try:
-        for path in write(figures.save, drawn, text, arguments.out, arguments.format):
-            print(path)
+        written = write(figures.save, drawn, text, arguments.out, arguments.format)
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)
+    say(written)
 
 
 if __name__ == "__main__":

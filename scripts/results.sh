@@ -5,7 +5,7 @@
 #   scripts/results.sh [SEED...]      (seed 0 unless told otherwise)
 #
 # With DEMONSTRATIONS set to a folder that holds recordings in PenSpin-v0/, PenSpin is also run with
-# demonstrations. They are not part of the repository.
+# demonstrations. They are not part of the repository. Its path is absolute, or relative to the root of the repository.
 # Runs that stand under results/ already are left alone; remove them to make them anew. Then all figures are
 # made by scripts/figures.sh, which needs the Python packages of scripts/requirements.txt.
 set -euo pipefail
@@ -23,7 +23,7 @@ runs() {
       spin="--config configs/pen_spin.toml --steps 20000 --set random_steps=5000 --set model_start=2000 --set evaluation.every=1000"
       echo "PenSpin-v0 $method $seed $spin"
       if [ -n "${DEMONSTRATIONS:-}" ]; then
-        echo "PenSpin-v0-demonstrations $method $seed $spin --set demonstrations.path=$DEMONSTRATIONS/PenSpin-v0"
+        echo "PenSpin-v0-demonstrations $method $seed $spin"
       fi
       echo "HalfCheetah-v4 $method $seed --config configs/half_cheetah.toml --steps 30000 --set random_steps=5000 --set model_start=1000"
       echo "InvertedPendulum-v4 $method $seed --config configs/inverted_pendulum.toml --steps 30000"
@@ -36,15 +36,21 @@ one() {
   read -r name method seed arguments <<<"$1"
   local run="$name/$method/seed-$seed"
   [ -e "results/$run" ] && { echo "kept: results/$run"; return; }
+  local demonstrations=()
+  if [[ $name == *-demonstrations ]]; then
+    # Not among the words of a line: a path may hold anything.
+    demonstrations=(--set "demonstrations.path=$DEMONSTRATIONS/PenSpin-v0")
+  fi
   # shellcheck disable=SC2086 # the arguments are words
-  target/results/mamf train $arguments --set method="$method" --seed "$seed" --threads 1 \
+  target/results/mamf train $arguments "${demonstrations[@]}" --set method="$method" --seed "$seed" --threads 1 \
     --out "target/results/$run" --force
   mkdir -p "results/$run"
   cp "target/results/$run"/{config.toml,run.json,train.csv,eval.csv,timing.csv} "results/$run/"
 }
 export -f one
+export DEMONSTRATIONS="${DEMONSTRATIONS:-}"
 
 [ $# -gt 0 ] || set -- 0
 # One thread a run and one run a core: more steps a second in all than two threads a run.
-runs "$@" | xargs -P "$(nproc)" -d '\n' -I{} bash -c 'one "{}"'
+runs "$@" | xargs -P "$(nproc)" -d '\n' -n 1 bash -c 'one "$1"' one
 scripts/figures.sh

@@ -14,23 +14,31 @@ fail() {
 
 (($# == 2)) && [[ -d $1 ]] || fail "two folders are needed: one of runs, and where their curves go"
 from=${1%/} to=${2%/}
+# Whatever they begin with, they are no options.
+[[ $from == -* ]] && from=./$from
+[[ $to == -* ]] && to=./$to
 [[ ! $from -ef $to ]] || fail "$to: the runs are there; name another folder"
 kept=(config.toml run.json train.csv eval.csv timing.csv)
 
-# Links are followed; one that leads round in a circle is an error, which find tells.
-found=$(cd "$from" && find -L . -name eval.csv -printf '%P\n') || fail "$from: can't be searched; nothing is copied"
-mapfile -t runs < <(sed '/^$/d; s|/*eval.csv$||' <<<"$found" | sort)
+# Links are followed; one that leads round in a circle is an error, which find tells. A name may hold a newline.
+found=$(mktemp)
+trap 'rm -f -- "$found"' EXIT
+find -L "$from" -name eval.csv -printf '%P\0' | sort -z >"$found" || fail "$from: can't be searched; nothing is copied"
+mapfile -d '' -t runs <"$found"
 ((${#runs[@]} > 0)) || fail "$from: no run there, that is, no directory that holds an eval.csv"
-for run in "${runs[@]}"; do
+for curve in "${runs[@]}"; do
+    run=${curve%eval.csv}
     for file in "${kept[@]}"; do
-        [[ -f $from/$run/$file ]] || fail "$from/$run: $file is missing; nothing is copied"
-        if [[ -e $to/$run/$file ]] && ! cmp --silent "$from/$run/$file" "$to/$run/$file"; then
+        [[ -f $from/$run$file ]] || fail "$from/$run: $file is missing; nothing is copied"
+        if [[ -e $to/$run$file ]] && ! cmp --silent "$from/$run$file" "$to/$run$file"; then
             fail "$to/$run: another run is there, with another $file; remove it first, or name another folder"
         fi
     done
 done
-for run in "${runs[@]}"; do
+for curve in "${runs[@]}"; do
+    run=${curve%eval.csv}
     mkdir -p "$to/$run"
-    cp "${kept[@]/#/$from/$run/}" "$to/$run/"
+    cp "${kept[@]/#/$from/$run}" "$to/$run"
 done
-echo "$to: curves of ${#runs[@]} runs"
+# Nobody need listen: all is done.
+echo "$to: curves of ${#runs[@]} runs" || true

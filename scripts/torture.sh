@@ -20,7 +20,7 @@ trap 'rm -rf "$place"' EXIT
 
 # The words of a new run into $1.
 begin() {
-  words=(train --config "$config" --steps "$steps" --out "$1" --set random_steps=1000 --set model_start=500
+  words=(train "--config=$config" --steps "$steps" --out "$1" --set random_steps=1000 --set model_start=500
     --set evaluation.every=500 --set evaluation.episodes=2 --set checkpoint.every=150 --set replay.capacity=2500)
 }
 names() { (cd "$1" && find . -type f | sort); }

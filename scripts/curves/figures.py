@@ -52,6 +52,8 @@ plt.rcParams.update(
         "axes.grid": True,
         "grid.alpha": 0.25,
         "grid.linewidth": 0.5,
+        # Names of folders are no mathematics, whatever dollars are in them.
+        "text.parse_math": False,
         # Text that stays text: it can be searched, and the files are small.
         "svg.fonttype": "none",
         # Names of clipping paths: the same figure gives the same bytes.
@@ -97,6 +99,11 @@ def styles_of(labels):
         left = [marker for marker in MARKERS if marker not in taken] or MARKERS
         styles[label] = (free[number % len(free)], DASHES[number % len(DASHES)], left[number % len(left)])
     return styles
+
+
+def plain(text):
+    """A name as it can be drawn: on one line, and of characters that SVG knows."""
+    return "".join(character if character.isprintable() else "�" for character in text)
 
 
 def tick(value, _position):
@@ -162,7 +169,7 @@ def handle(label, style, seeds, heavy=False):
         marker=marker,
         markersize=size,
         markeredgewidth=0,
-        label=f"{label} ({text})",
+        label=f"{plain(label)} ({text})",
     )
 
 
@@ -192,9 +199,18 @@ def finish(figure, handles, notes):
     below = len(lines) * LINE_HEIGHT + 0.06
     legend, legend_height = None, 0.0
     for columns in range(min(len(handles), 6), 0, -1):
+        # Numbers stand in for the labels at first: one that begins with an underscore would be left out.
         legend = figure.legend(
-            handles=handles, loc="lower center", ncols=columns, frameon=False, handlelength=3.4, columnspacing=1.4
+            handles,
+            [str(number) for number in range(len(handles))],
+            loc="lower center",
+            ncols=columns,
+            frameon=False,
+            handlelength=3.4,
+            columnspacing=1.4,
         )
+        for entry, of in zip(legend.get_texts(), handles, strict=True):
+            entry.set_text(of.get_label())
         extent = legend.get_window_extent(renderer)
         legend_height = extent.height / DPI
         if extent.width <= WIDTH * DPI or columns == 1:
@@ -221,7 +237,7 @@ def shown(notes):
 
 
 def wrap(note):
-    return textwrap.wrap(note, int((WIDTH - 0.15) * CHARACTERS_PER_INCH), subsequent_indent="   ")
+    return textwrap.wrap(plain(note), int((WIDTH - 0.15) * CHARACTERS_PER_INCH), subsequent_indent="   ")
 
 
 def panel_title(text, columns):
@@ -244,7 +260,7 @@ def curves(panels, labels, what, notes, ranges, full=None):
         for order, label in enumerate(label for label in labels if label in panel.lines):
             draw_curve(axis, panel.lines[label], styles[label], order, label == full)
         letter = f"({chr(ord('a') + number)}) " if full and len(panels) > 1 else ""
-        axis.set_title(panel_title(letter + panel.title, columns), fontsize=9 if columns < 4 else 8)
+        axis.set_title(panel_title(letter + plain(panel.title), columns), fontsize=9 if columns < 4 else 8)
         format_axis(axis, ({1: 8, 2: 6}.get(columns, 4), 5))
         axis.margins(x=0.02)
         if panel.title in ranges:
@@ -270,7 +286,7 @@ def aggregate(estimates, labels, runs, notes, limits=None):
             draw_interval(axis, row, estimates[label], number, styles[label])
         better = "lower" if name == "optimality gap" else "higher"
         axis.set_title(f"{name}\n({better} is better)")
-        names = [f"{label} ({seeds(runs[label])})" for label in labels]
+        names = [f"{plain(label)} ({seeds(runs[label])})" for label in labels]
         format_rows(axis, names if number == 0 else [""] * len(labels))
         axis.xaxis.set_major_locator(MaxNLocator(3, steps=ROUND))
         axis.xaxis.set_major_formatter(FuncFormatter(tick))
@@ -324,7 +340,7 @@ def improvement(estimates, labels, notes):
     for row, ((x, _), estimate) in enumerate(estimates.items()):
         draw_interval(axis, row, estimate, 0, styles[x])
     axis.axvline(0.5, color="black", linewidth=0.8, linestyle=DASHED, zorder=1)
-    format_rows(axis, [f"{x} over {y}" for x, y in estimates])
+    format_rows(axis, [f"{plain(x)} over {plain(y)}" for x, y in estimates])
     axis.set_xlim(-0.02, 1.02)
     axis.set_xlabel(
         "probability of improvement: that a run of the first method scores higher than one of the second"

@@ -36,7 +36,7 @@ def table(header, rows):
     """Markdown lines of a table."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     # A folder may have any name.
-    cells = [[cell.replace("|", "\\|") for cell in row] for row in rows]
+    cells = [[" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in rows]
     return lines + ["| " + " | ".join(row) + " |" for row in cells] + [""]
 
 

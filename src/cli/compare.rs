@@ -1,6 +1,6 @@
 //! `mamf compare`
 
-use super::{FAILED, Misuse, number, tell};
+use super::{FAILED, Misuse, number, report_to_reader, tell};
 use crate::core::table::{Column, Table};
 use crate::lab::comparison::{
     self, Comparison, ComparisonError, Estimate, Interval, Measured, Metric, Options, Overall,
@@ -8,7 +8,8 @@ use crate::lab::comparison::{
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::fmt::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
 
@@ -17,10 +18,10 @@ use std::str::FromStr;
 pub struct Args {
     /// Runs of one method: a run directory, a folder above some, or a quoted pattern of them
     #[arg(value_name = "A")]
-    a: String,
+    a: PathBuf,
     /// Runs of the other method, of the same tasks and seeds
     #[arg(value_name = "B")]
-    b: String,
+    b: PathBuf,
     /// What of the evaluations is compared
     #[arg(long, value_enum, default_value_t)]
     metric: Metric,
@@ -110,8 +111,8 @@ fn finite(text: &str) -> Option<f64> {
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Printed<'a> {
-    a: &'a str,
-    b: &'a str,
+    a: String,
+    b: String,
     #[serde(flatten)]
     comparison: &'a Comparison,
     /// Whether `--at-least` holds, where it was asked for.
@@ -122,7 +123,8 @@ struct Printed<'a> {
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let options = args.options()?;
     let sides = [comparison::find(&args.a)?, comparison::find(&args.b)?];
-    let pairs = comparison::pair(sides, [&args.a, &args.b])?;
+    let [a, b] = [&args.a, &args.b].map(|side| side.display().to_string());
+    let pairs = comparison::pair(sides, [&a, &b])?;
     if !pairs.unpaired.is_empty() && !args.paired_only {
         return Err(ComparisonError::Unpaired(pairs.unpaired).into());
     }
@@ -139,15 +141,15 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .transpose()?;
     if args.json {
         let printed = Printed {
-            a: &args.a,
-            b: &args.b,
+            a,
+            b,
             comparison: &compared,
             at_least_holds: unmet.as_ref().map(Vec::is_empty),
         };
         let json = serde_json::to_string_pretty(&printed)?;
-        writeln!(std::io::stdout(), "{json}")?;
+        output(&unmet, &format!("{json}\n"))?;
     } else {
-        print(args, &compared)?;
+        output(&unmet, &in_words(args, &compared)?)?;
     }
     match unmet {
         Some(unmet) if !unmet.is_empty() => {
@@ -157,6 +159,18 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::from(FAILED))
         }
         _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+/// Prints the comparison: all that there is to be had of it, unless `--at-least` asked for a verdict, which is one whoever
+/// reads.
+fn output(unmet: &Option<Vec<String>>, text: &str) -> anyhow::Result<()> {
+    match unmet {
+        None => super::print(text),
+        Some(_) => {
+            report_to_reader(text);
+            Ok(())
+        }
     }
 }
 
@@ -228,9 +242,9 @@ fn table(headings: [&str; 7]) -> Table {
     ])
 }
 
-fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "A  {}\nB  {}", args.a, args.b)?;
+fn in_words(args: &Args, compared: &Comparison) -> Result<String, std::fmt::Error> {
+    let mut out = String::new();
+    writeln!(out, "A  {}\nB  {}", args.a.display(), args.b.display())?;
     let (what, whole) = match compared.metric {
         Metric::Return => ("return", "final return"),
         Metric::Success => ("success", "final success rate"),
@@ -282,7 +296,7 @@ fn print(args: &Args, compared: &Comparison) -> std::io::Result<()> {
     for note in &compared.notes {
         writeln!(out, "note: {note}")?;
     }
-    Ok(())
+    Ok(out)
 }
 
 /// The cells of a measure.
@@ -304,7 +318,7 @@ fn measured(
     ]
 }
 
-fn print_overall(out: &mut impl Write, all: &Overall, tasks: usize) -> std::io::Result<()> {
+fn print_overall(out: &mut String, all: &Overall, tasks: usize) -> std::fmt::Result {
     writeln!(
         out,
         "\nall {tasks} tasks: {} pairs; differences in units of what the better side gained on the untrained policy",

@@ -1,11 +1,10 @@
 //! `mamf curves`
 
-use super::number;
+use super::{number, print};
 use crate::core::table::{Column, Table};
 use crate::lab::comparison::{
     self, CurveOptions, Curves, Estimate, EvalColumn, Interval, Statistic,
 };
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -26,7 +25,7 @@ best method's mean final value, 1): `scales`, `methods` (of each `median`, `iqm`
 pub struct Args {
     /// Run directories, folders above some, or quoted patterns of them
     #[arg(value_name = "RUNS", required = true)]
-    runs: Vec<String>,
+    runs: Vec<PathBuf>,
     /// Column of eval.csv
     #[arg(long, value_enum, default_value_t)]
     metric: EvalColumn,
@@ -61,15 +60,14 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     let runs = comparison::find_all(&args.runs)?;
     let curves = comparison::curves(runs, &options)?;
-    let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer(&mut out, &curves)?;
-        writeln!(out)?;
+        print(&format!("{}\n", serde_json::to_string(&curves)?))?;
     } else {
-        write!(out, "{}", final_values(&curves))?;
+        let mut text = final_values(&curves).to_string();
         for note in &curves.notes {
-            writeln!(out, "note: {}{}", note.panel, note.text)?;
+            text += &format!("note: {}{}\n", note.panel, note.text);
         }
+        print(&text)?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -1,11 +1,11 @@
 //! `mamf demo`: record demonstrations, describe and replay sets of them.
 
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use super::{Episodes, FAILED, Misuse, say, tell};
+use super::{Episodes, FAILED, Misuse, print, report_to_reader, say, signals, tell};
+use crate::core::leftovers::Unfinished;
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
 use crate::env::Inspect;
@@ -51,7 +51,7 @@ struct RecordArgs {
 struct SetArgs {
     /// Directory, searched with its subdirectories, glob (in quotes) or .npz file
     #[arg(value_name = "DIR|GLOB|FILE")]
-    pattern: String,
+    pattern: PathBuf,
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -100,7 +100,8 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let mut evaluator = Evaluator::new(config, stream(args.which.seed, "eval"))?;
     let policy = saved_policy(&checkpoint, evaluator.spec())?;
     let episodes = args.which.episodes as usize;
-    make_room(&args.out, episodes)?;
+    signals::leave_nothing_behind()?;
+    let folder = make_room(&args.out, episodes)?;
 
     let (method, step) = (config.method.name(), checkpoint.step);
     let version = env!("CARGO_PKG_VERSION");
@@ -108,6 +109,8 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         source: format!("mamf {version}, {method} after {step} steps"),
     };
     say(&format!("{}, {method} after {step} steps", config.task));
+    // Each goes with the process until all are there: half a set would be in the way of the whole one.
+    let mut saved: Vec<Unfinished> = folder.into_iter().collect();
     let diverged = with_threads(config.compute.threads, || -> anyhow::Result<usize> {
         let mut diverged = 0;
         for first in (0..episodes).step_by(AT_ONCE) {
@@ -117,32 +120,41 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
                 if result.diverged {
                     diverged += 1;
                 } else {
-                    recorder.save(&stem(&args.out, episode), args.which.seed, episode)?;
+                    let stem = stem(&args.out, episode);
+                    saved.extend(recorder.save(&stem, args.which.seed, episode)?);
                 }
                 say(&line(episode, &result));
             }
         }
         Ok(diverged)
-    })??;
+    })?;
+    let diverged = diverged.inspect_err(|_| {
+        saved.drain(..).rev().for_each(Unfinished::remove);
+    })?;
+    drop(saved);
     let (written, out) = (episodes - diverged, args.out.display());
     say(&format!("{written} of {episodes} episodes recorded: {out}"));
     Ok(ExitCode::SUCCESS)
 }
 
 /// Makes the directory `out` unless it is there; a recording that is there already is in the way.
-fn make_room(out: &Path, episodes: usize) -> anyhow::Result<()> {
+fn make_room(out: &Path, episodes: usize) -> Result<Option<Unfinished>, Misuse> {
     for stem in (0..episodes).map(|episode| stem(out, episode)) {
         for path in ["npz", "json"].map(|ending| stem.with_extension(ending)) {
             // A link that leads nowhere is in the way as well.
             if path.symlink_metadata().is_ok() {
                 let path = path.display();
                 let text = format!("--out: {path} exists already and is not overwritten");
-                return Err(Misuse(text).into());
+                return Err(Misuse(text));
             }
         }
     }
-    fs::create_dir_all(out)
-        .map_err(|error| Misuse(format!("--out {}: {error}", out.display())).into())
+    if out.is_dir() {
+        return Ok(None);
+    }
+    let made = Unfinished::making(|| fs::create_dir_all(out), |()| out.to_owned());
+    let made = made.map_err(|error| Misuse(format!("--out {}: {error}", out.display())))?;
+    Ok(Some(made.1))
 }
 
 /// The files of episode number `episode`, which counts from 0, without their endings.
@@ -168,44 +180,44 @@ fn line(episode: usize, result: &EpisodeResult) -> String {
     format!("{name}  return {episode_return:.2}  length {length}{success}")
 }
 
-fn info(pattern: &str) -> anyhow::Result<ExitCode> {
+fn info(pattern: &Path) -> anyhow::Result<ExitCode> {
     let (found, code) = each(pattern, demo::describe)?;
     if !found.is_empty() {
-        print_info(&found)?;
+        print(&description(&found))?;
     }
     Ok(code)
 }
 
-fn print_info(found: &[Description]) -> std::io::Result<()> {
+fn description(found: &[Description]) -> String {
     let (recordings, totals) = (demo::descriptions(found), demo::totals(found));
-    println(&format!(
+    format!(
         "{recordings}\n{totals}\n\
          success: steps in which the goal was reached, and whether it was in the last one. states: recorded rows; in the\n\
          totals those that precede an action. warm start, next, goal: what else is recorded. demonstration, usable:\n\
-         whether training can begin in the states (demonstrations.path)."
-    ))
+         whether training can begin in the states (demonstrations.path).\n"
+    )
 }
 
-fn replay(pattern: &str) -> anyhow::Result<ExitCode> {
+fn replay(pattern: &Path) -> anyhow::Result<ExitCode> {
     let (found, code) = each(pattern, |path| demo::replay(&Recording::open(path)?))?;
     if !found.is_empty() {
-        print_replay(&found)?;
+        report_to_reader(&comparison(&found));
     }
     Ok(code)
 }
 
-fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
+fn comparison(found: &[Replayed]) -> String {
     let tables = demo::tables(found);
-    println(&format!(
+    format!(
         "{tables}\
          qpos, qvel: largest error after one step from each recorded state, over the steps compared, target bodies left\n\
          out. touched: steps in which something came within 2.5 mm of the forearm, whose shape is approximate; they are kept\n\
          apart, there: largest qpos error in them. next: against the step recorded beside the states. reward: against the recorded one;\n\
          stored: against reward_recorded, which differ: steps past {STORED_DIFFERENCE:.0e}, capped: with the spin term 8 at most, the\n\
          rule of the stored ones. success: flags that differ. open-loop: largest qpos error from the first state through\n\
-         all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.",
+         all actions. drift: steps until it exceeds {drift:.0e}. untouched: the same error before the forearm is first touched.\n",
         drift = demo::DRIFT
-    ))
+    )
 }
 
 /// What `look` finds in each recording that `pattern` means, and the exit code: a failure if one of
@@ -214,7 +226,7 @@ fn print_replay(found: &[Replayed]) -> std::io::Result<()> {
 /// # Errors
 /// If there is no recording.
 fn each<T>(
-    pattern: &str,
+    pattern: &Path,
     look: impl Fn(&Path) -> Result<T, UnusableRecording>,
 ) -> anyhow::Result<(Vec<T>, ExitCode)> {
     let files = find(pattern).map_err(|error| Misuse(error.to_string()))?;
@@ -230,11 +242,6 @@ fn each<T>(
         }
     }
     Ok((found, code))
-}
-
-/// Writes a line to standard output.
-fn println(text: &str) -> std::io::Result<()> {
-    writeln!(std::io::stdout(), "{text}")
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `mamf envs`: the tasks.
 
-use std::io::Write;
+use std::fmt::Write;
 use std::process::ExitCode;
 
 use crate::core::span::in_words;
@@ -21,15 +21,16 @@ pub struct Args {
 /// # Errors
 /// If there is no such task or MuJoCo cannot load its model.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let mut out = std::io::stdout().lock();
+    let mut out = String::new();
     match &args.id {
         Some(id) => describe(&mut out, env::info(id)?, env::make(id)?.0.spec())?,
         None => list(&mut out)?,
     }
+    super::print(&out)?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn list(out: &mut impl Write) -> anyhow::Result<()> {
+fn list(out: &mut String) -> anyhow::Result<()> {
     let number = |heading, least| Column::numbers(heading).at_least(least);
     let mut table = Table::new([
         Column::words("id"),
@@ -59,7 +60,7 @@ fn list(out: &mut impl Write) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn describe(out: &mut impl Write, info: &Info, spec: &Spec) -> std::io::Result<()> {
+fn describe(out: &mut String, info: &Info, spec: &Spec) -> std::fmt::Result {
     writeln!(out, "{}: {}\n", info.id, info.summary)?;
     writeln!(
         out,

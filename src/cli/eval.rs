@@ -1,6 +1,7 @@
 //! `mamf eval`
 
-use super::{Episodes, Misuse};
+use super::{Episodes, Misuse, print, report_to_reader, signals};
+use crate::core::files::NewFile;
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
 use crate::core::table::{Column, Table};
@@ -8,8 +9,7 @@ use crate::env;
 use crate::run::Checkpoint;
 use crate::training::{Evaluation, Evaluator, saved_policy};
 use anyhow::Context;
-use std::fs::File;
-use std::io::Write;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -34,23 +34,30 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let mut evaluator = Evaluator::new(&checkpoint.config, stream(args.which.seed, "eval"))?;
     let policy = saved_policy(&checkpoint, evaluator.spec())?;
-    let csv = args.csv.as_deref().map(create).transpose()?;
+    if args.csv.is_some() {
+        signals::leave_nothing_behind()?;
+    }
+    // Long before it is written, what would be in the way.
+    args.csv.as_deref().map(create).transpose()?;
 
     let threads = checkpoint.config.compute.threads;
     let episodes = args.which.episodes as usize;
     let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
 
-    report(&checkpoint, &evaluation)?;
-    if let (Some(writer), Some(path)) = (csv, &args.csv) {
-        write(writer, &evaluation).with_context(|| format!("{}: can't write", path.display()))?;
+    let text = in_words(&checkpoint, &evaluation);
+    match &args.csv {
+        None => print(&text)?,
+        Some(path) => {
+            let written = write(create(path)?, &evaluation);
+            written.with_context(|| format!("--csv {}: can't be written", path.display()))?;
+            report_to_reader(&text);
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn report(checkpoint: &Checkpoint, e: &Evaluation) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
+fn in_words(checkpoint: &Checkpoint, e: &Evaluation) -> String {
     let (task, method) = (&checkpoint.config.task, checkpoint.config.method.name());
-    writeln!(out, "{task}, {method} after {} steps", checkpoint.step)?;
     let mut table = Table::new([Column::words(""), Column::words("")]);
     let mut row = |what: &str, text: String| table.row([what.to_owned(), text]);
     row("episodes", e.episodes.len().to_string());
@@ -72,25 +79,29 @@ fn report(checkpoint: &Checkpoint, e: &Evaluation) -> std::io::Result<()> {
     if e.buffers_full() > 0 {
         row("buffers full", format!("in {} steps", e.buffers_full()));
     }
-    write!(out, "{table}")
+    format!("{task}, {method} after {} steps\n{table}", checkpoint.step)
 }
 
-/// Creates the table of episodes, but never over an existing file.
-fn create(path: &Path) -> anyhow::Result<csv::Writer<File>> {
-    match File::create_new(path) {
-        Ok(file) => Ok(csv::Writer::from_writer(file)),
-        Err(error) => Err(Misuse(format!(
-            "--csv {}: {error}; it must be a new file",
-            path.display()
-        ))
-        .into()),
-    }
+/// Begins the table of episodes, but never over an existing file.
+fn create(path: &Path) -> Result<NewFile, Misuse> {
+    NewFile::create(path.to_owned()).map_err(|error| {
+        let shown = path.display();
+        Misuse(match error.kind() {
+            ErrorKind::AlreadyExists => {
+                format!("--csv {shown}: exists already; it must be a new file")
+            }
+            _ => format!("--csv {shown}: {error}"),
+        })
+    })
 }
 
-fn write(mut writer: csv::Writer<File>, evaluation: &Evaluation) -> Result<(), csv::Error> {
+fn write(file: NewFile, evaluation: &Evaluation) -> anyhow::Result<()> {
+    let mut writer = csv::Writer::from_path(file.temporary())?;
     writer.write_record(["episode", "return", "length", "diverged", "success"])?;
     for (i, e) in evaluation.episodes.iter().enumerate() {
         writer.serialize((i, e.episode_return, e.length, e.diverged, e.success))?;
     }
-    Ok(writer.flush()?)
+    writer.flush()?;
+    drop(writer);
+    Ok(file.keep()?)
 }

@@ -22,10 +22,11 @@ use crate::lab::comparison::ComparisonError;
 use crate::lab::sweep::SweepError;
 use crate::lab::sweep::slurm::SlurmError;
 use crate::recordings::DemonstrationError;
+use crate::recordings::format::RecordingError;
 use crate::render::{OutputError, PaintError, RenderError};
 use crate::run::{CheckpointError, LockError, RunDirectoryError};
 use crate::training::{PlanError, TrainError};
-use clap::builder::TypedValueParser;
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
@@ -44,7 +45,8 @@ const INTERRUPTED: u8 = 75;
 #[command(name = "mamf", version, about, max_term_width = 100)]
 #[command(
     after_help = "Exit codes: 0 done; 1 failed at run time, verification past tolerance, or --at-least not met; \
-    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved: resumable; 130 ended by an interrupt."
+    2 wrong usage or configuration, nothing written; 75 interrupted, checkpoint saved: resumable; 130 ended by an interrupt (129 \
+    by SIGHUP, 143 by SIGTERM). Whether anybody reads what is printed changes none of them."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -83,6 +85,7 @@ impl Cli {
     /// # Errors
     /// Whatever the user should read; see [`report`].
     pub fn run(self) -> anyhow::Result<ExitCode> {
+        signals::survive_limits()?;
         match self.command {
             Command::Train(args) => train::run(&args),
             Command::Sweep(args) => sweep::run(&args),
@@ -128,14 +131,46 @@ fn whole() -> impl TypedValueParser<Value = u64> {
 #[error("{0}")]
 struct Misuse(String);
 
+/// Takes a setting. A configuration is text, and so is what is put on top of it.
+fn setting() -> impl TypedValueParser<Value = String> {
+    OsStringValueParser::new().try_map(|word| {
+        word.into_string().map_err(|_| {
+            "not UTF-8, which settings are; where a path is meant, give a link of another name to it"
+        })
+    })
+}
+
 /// Writes a line to standard error; nobody listening there is no reason to fail.
 fn tell(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
-/// Writes a line to standard output; nobody listening there is no reason to stop what is being made.
+/// Writes a line to standard output, beside work whose outcome lies elsewhere: in files, in an exit code. Nobody listening
+/// there changes nothing of it.
 fn say(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{text}");
+    report_to_reader(&format!("{text}\n"));
+}
+
+/// As [`say`], with a `text` of whole lines.
+fn report_to_reader(text: &str) {
+    if let Err(error) = print(text) {
+        tell(&format!("note: {error}; nothing else depends on it"));
+    }
+}
+
+/// Writes `text` to standard output, where all that a command does is to print it. A reader who has seen enough, as in
+/// `mamf envs | head`, is no error.
+///
+/// # Errors
+/// When the system takes it for another reason, such as a full disk.
+fn print(text: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(anyhow::anyhow!("standard output can't be written: {error}"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Four digits or so.
@@ -151,13 +186,21 @@ fn number(value: f64) -> String {
 
 /// Tells the user of `error` and returns the code to end the process with.
 pub fn report(error: &anyhow::Error) -> ExitCode {
-    let closed = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
-    if error.downcast_ref().is_some_and(closed) {
-        // The reader of our output has seen enough, as in `mamf envs | head`.
-        return ExitCode::SUCCESS;
-    }
-    tell(&format!("error: {error:#}"));
+    tell(&format!("error: {}", in_words(error)));
     exit_code(error)
+}
+
+/// An error and what caused it, each said once: many a message holds that of its cause already.
+fn in_words(error: &anyhow::Error) -> String {
+    let mut words = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        match words.is_empty() {
+            true => words = cause,
+            false if words.contains(&cause) => (),
+            false => words += &format!(": {cause}"),
+        }
+    }
+    words
 }
 
 /// The exit code an error ends the process with: 2 for wrong usage or configuration, 1 otherwise.
@@ -170,6 +213,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
             || cause.downcast_ref().is_some_and(is_misuse_of_renderer)
             || cause.downcast_ref().is_some_and(is_misuse_of_output)
             || matches!(cause.downcast_ref(), Some(PaintError::Camera { .. }))
+            || matches!(cause.downcast_ref(), Some(RecordingError::Missing { .. }))
             || cause.is::<SweepError>()
             || cause.downcast_ref().is_some_and(is_misuse_of_plan)
             || cause.is::<ComparisonError>()
@@ -191,7 +235,7 @@ fn is_misuse_of_directory(error: &RunDirectoryError) -> bool {
     matches!(
         error,
         RunDirectoryError::Exists(_)
-            | RunDirectoryError::NotARun(_)
+            | RunDirectoryError::NotARun { .. }
             | RunDirectoryError::NoRun(_)
             | RunDirectoryError::IsACheckpoint(_)
             | RunDirectoryError::Locked(LockError::Held { .. })
@@ -223,13 +267,19 @@ fn is_misuse_of_output(error: &OutputError) -> bool {
             | OutputError::Exists { .. }
             | OutputError::OddSize { .. }
             | OutputError::NoFfmpeg { .. }
-    )
+    ) || matches!(error, OutputError::Io { error, .. } if is_no_place(error))
+}
+
+/// Whether there is no such folder to write to.
+fn is_no_place(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{NotADirectory, NotFound};
+    matches!(error.kind(), NotFound | NotADirectory)
 }
 
 fn is_misuse_of_training(error: &TrainError) -> bool {
     match error {
         TrainError::RunDirectory(error) => is_misuse_of_directory(error),
-        TrainError::Demonstrations { error } => matches!(
+        TrainError::Demonstrations { error, .. } => matches!(
             error,
             DemonstrationError::Find(_) | DemonstrationError::Task { .. }
         ),
@@ -248,6 +298,23 @@ fn is_misuse_of_training(error: &TrainError) -> bool {
 fn is_misuse_of_checkpoint(error: &CheckpointError) -> bool {
     matches!(
         error,
-        CheckpointError::Missing(_) | CheckpointError::OtherTask { .. }
+        CheckpointError::Missing(_)
+            | CheckpointError::NotSaved(_)
+            | CheckpointError::OtherTask { .. }
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn a_cause_is_said_once() {
+        let cause = || anyhow::anyhow!("no such thing");
+        let message = in_words(&cause().context("a: no such thing").context("b"));
+        assert_eq!(message, "b: a: no such thing");
+        let told: anyhow::Result<()> = Err(cause()).context("can't");
+        assert_eq!(in_words(&told.unwrap_err()), "can't: no such thing");
+    }
 }

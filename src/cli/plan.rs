@@ -1,7 +1,7 @@
 //! `mamf plan`
 
 use super::demo::Camera;
-use super::{FAILED, Misuse, number, say, tell, whole};
+use super::{FAILED, Misuse, number, say, setting, tell, whole};
 use crate::config::{self, Config, Overrides};
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Override a setting, for example --set planner.horizon=30
-    #[arg(long, value_name = "KEY=VALUE")]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = setting())]
     set: Vec<String>,
     /// Run or checkpoint whose policy makes some of the sequences, and whose critics say what comes after them
     #[arg(long, value_name = "RUN_OR_CHECKPOINT")]

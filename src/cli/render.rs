@@ -2,13 +2,11 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use rand::SeedableRng;
-use signal_hook::consts::SIGINT;
 
 use super::progress::bar;
-use super::{Misuse, say, signals, tell};
+use super::{Misuse, say, signals};
 use crate::agent::{Controller, Moment, RandomActions, Zero};
 use crate::core::parallel::with_threads;
 use crate::core::random::{Stream, stream};
@@ -24,8 +22,6 @@ use crate::training::{Camera, Evaluator, saved_policy};
 
 /// Episodes that run between two looks at them, one in each environment.
 const AT_ONCE: usize = 2;
-/// Exit code of a process that an interrupt ended, as shells tell it.
-const STOPPED: u8 = 128 + SIGINT as u8;
 /// Most and least times as fast as the simulation.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
@@ -112,7 +108,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let every = args.every.map(|every| every as usize);
     let mut playback = Playback::new(spec.dt, args.speed, every, format.ticks());
     // Before there is a file to leave behind.
-    let stop = signals::stop()?;
+    signals::leave_nothing_behind()?;
     let mut encoder = render::create(&args.out, format, args.size, playback.interval())?;
 
     let limit = match (args.steps, format) {
@@ -131,13 +127,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let go_on = || {
                 pictures += 1;
                 progress.inc(1);
-                !stop.load(Ordering::Relaxed)
+                true
             };
-            if !develop(&film, &mut playback, &mut painter, encoder.as_mut(), go_on)? {
-                progress.finish_and_clear();
-                tell("interrupted; nothing was written");
-                return Ok(ExitCode::from(STOPPED));
-            }
+            develop(&film, &mut playback, &mut painter, encoder.as_mut(), go_on)?;
         }
     }
     encoder.finish()?;

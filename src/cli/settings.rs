@@ -3,7 +3,7 @@
 mod markdown;
 
 use crate::config::{self, ConfigError, KEYS, Key, Method, Range, Resume, SECTIONS, Source};
-use std::io::Write;
+use std::fmt::Write;
 use std::process::ExitCode;
 
 /// Arguments of `mamf settings`.
@@ -29,7 +29,7 @@ fn method(name: &str) -> Result<Method, String> {
 /// # Errors
 /// If there is no such key.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let mut out = std::io::stdout().lock();
+    let mut out = String::new();
     match &args.key {
         _ if args.markdown => write!(out, "{}", markdown::page())?,
         None => list(&mut out, |_| true, args.method)?,
@@ -45,15 +45,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             describe(&mut out, key, args.method)?;
         }
     }
+    super::print(&out)?;
     Ok(ExitCode::SUCCESS)
 }
 
 /// Two lines a key: name, value and range, then what it means.
 fn list(
-    out: &mut impl Write,
+    out: &mut String,
     asked: impl Fn(&Key) -> bool,
     method: Option<Method>,
-) -> std::io::Result<()> {
+) -> std::fmt::Result {
     let concerned = |key: &Key| method.is_none_or(|method| key.concern.includes(method));
     let shown: Vec<&Key> = KEYS.iter().filter(|k| asked(k) && concerned(k)).collect();
     let width = shown.iter().map(|key| key.name.len()).max().unwrap_or(0);
@@ -82,7 +83,7 @@ fn list(
     Ok(())
 }
 
-fn describe(out: &mut impl Write, key: &Key, method: Option<Method>) -> std::io::Result<()> {
+fn describe(out: &mut String, key: &Key, method: Option<Method>) -> std::fmt::Result {
     writeln!(out, "{}\n    {}\n", key.name, key.doc())?;
     writeln!(out, "range    {}", key.range)?;
     writeln!(out, "default  {}", value(key, None))?;

@@ -1,11 +1,10 @@
 //! `mamf sweep --slurm`
 
-use super::{FAILED, say, tell};
+use super::{FAILED, print, say, tell};
 use crate::core::files::{FileError, Files};
 use crate::lab::sweep::slurm::{self, Elements, Request, Sbatch, TimeLimit};
 use crate::lab::sweep::{PlannedRun, Standing};
 use anyhow::Context;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -120,7 +119,7 @@ pub(super) fn run(args: &Args, submission: Submission<'_>) -> anyhow::Result<Exi
     let text = slurm::script(&args.request(name), &elements)?;
     if args.print {
         leave_out();
-        std::io::stdout().write_all(text.as_bytes())?;
+        print(&text)?;
         return Ok(code);
     }
     // Before anything is written.

@@ -1,8 +1,9 @@
 //! `mamf sweep`
 
 use super::live::LiveTable;
-use super::{FAILED, INTERRUPTED, Misuse, signals, slurm, tell, whole};
+use super::{FAILED, INTERRUPTED, Misuse, print, say, setting, signals, slurm, tell, whole};
 use crate::core::parallel::cores;
+use crate::core::paths::operand;
 use crate::core::table::{Column, Table};
 use crate::lab::sweep::memory::{Budget, needs};
 use crate::lab::sweep::{
@@ -10,7 +11,6 @@ use crate::lab::sweep::{
 };
 use crate::run::{LockError, RunDirectory, RunDirectoryError, memory};
 use anyhow::Context;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Override a setting of all runs
-    #[arg(long, value_name = "KEY=VALUE")]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = setting())]
     set: Vec<String>,
     /// Environment steps of each run
     #[arg(long, value_name = "N")]
@@ -110,7 +110,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut table = LiveTable::new(&runs);
     let outcomes = sweep::run(&plan, &runs, &mut table, &stop);
     table.finish();
-    conclude(&outcomes, &plan)
+    Ok(conclude(&outcomes, &plan))
 }
 
 /// What the runs that are left take together, of which the user is told, and what there is.
@@ -184,14 +184,9 @@ impl Args {
 
     /// The arguments that mean the same experiment, for each element of an array; its number is added there.
     fn forwarded(&self) -> Vec<PathBuf> {
-        // A path must not be taken for an option.
-        let plain = |path: &Path| match path.as_os_str().as_encoded_bytes() {
-            [b'-', ..] => Path::new(".").join(path),
-            _ => path.to_owned(),
-        };
-        let mut words = vec!["sweep".into(), plain(&self.file)];
+        let mut words = vec!["sweep".into(), operand(&self.file)];
         if let Some(out) = &self.out {
-            words.extend(["--out".into(), plain(out)]);
+            words.extend(["--out".into(), operand(out)]);
         }
         for setting in &self.set {
             words.extend(["--set".into(), setting.into()]);
@@ -234,8 +229,7 @@ impl Args {
     }
 }
 
-fn list(runs: &[PlannedRun], out: &Path) -> std::io::Result<()> {
-    let mut stdout = std::io::stdout().lock();
+fn list(runs: &[PlannedRun], out: &Path) -> anyhow::Result<()> {
     let mut table = Table::new([
         Column::numbers("").at_least(4),
         Column::words(""),
@@ -252,11 +246,11 @@ fn list(runs: &[PlannedRun], out: &Path) -> std::io::Result<()> {
         let steps = format!("{} steps", run.config.steps);
         table.row([run.index.to_string(), run.name.clone(), steps, standing]);
     }
-    write!(stdout, "{table}")
+    print(&table.to_string())
 }
 
 /// What became of the runs, in a line, and of each that failed.
-fn conclude(outcomes: &[Outcome], plan: &Plan) -> anyhow::Result<ExitCode> {
+fn conclude(outcomes: &[Outcome], plan: &Plan) -> ExitCode {
     let count = |wanted: fn(&Ended) -> bool| outcomes.iter().filter(|o| wanted(&o.ended)).count();
     let finished = count(|ended| *ended == Ended::Finished);
     let interrupted = count(|ended| *ended == Ended::Interrupted);
@@ -266,18 +260,15 @@ fn conclude(outcomes: &[Outcome], plan: &Plan) -> anyhow::Result<ExitCode> {
         }
     }
     let (all, out) = (outcomes.len(), plan.out.display());
-    writeln!(
-        std::io::stdout(),
-        "{finished} of {all} runs finished: {out}"
-    )?;
+    say(&format!("{finished} of {all} runs finished: {out}"));
     if finished + interrupted < all {
-        return Ok(ExitCode::from(FAILED));
+        return ExitCode::from(FAILED);
     }
     if interrupted > 0 {
         tell(&format!(
             "{interrupted} interrupted or not begun; the same command goes on with them"
         ));
-        return Ok(ExitCode::from(INTERRUPTED));
+        return ExitCode::from(INTERRUPTED);
     }
-    Ok(ExitCode::SUCCESS)
+    ExitCode::SUCCESS
 }

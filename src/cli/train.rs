@@ -1,11 +1,10 @@
 //! `mamf train`
 
 use super::progress::Progress;
-use super::{FAILED, INTERRUPTED, signals, tell, whole};
+use super::{FAILED, INTERRUPTED, say, setting, signals, tell, whole};
 use crate::config::{self, Overrides};
 use crate::run::{LockError, ReplayMemory, RunDirectory, RunDirectoryError};
 use crate::training::{self, Monitor, Outcome, ResumeOptions, Resumed, TrainError, Trainer};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
@@ -20,7 +19,7 @@ pub struct Args {
     #[arg(long, value_name = "RUN_DIR", conflicts_with_all = ["config", "set", "seed", "out"])]
     resume: Option<PathBuf>,
     /// Override a setting, for example --set imagination.target_filter=false --set method=td3
-    #[arg(long, value_name = "KEY=VALUE")]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = setting())]
     set: Vec<String>,
     /// Seed of every random stream
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole())]
@@ -70,7 +69,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
             Resumed::Finished(steps) => {
                 let path = path.display();
-                writeln!(std::io::stdout(), "finished already, {steps} steps: {path}")?;
+                say(&format!("finished already, {steps} steps: {path}"));
                 return Ok(ExitCode::SUCCESS);
             }
         },
@@ -141,7 +140,7 @@ fn finish(
     progress.finish();
     match outcome? {
         Outcome::Finished => {
-            writeln!(std::io::stdout(), "finished: {}", path.display())?;
+            say(&format!("finished: {}", path.display()));
             Ok(ExitCode::SUCCESS)
         }
         Outcome::Interrupted(step) => {

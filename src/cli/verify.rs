@@ -1,6 +1,5 @@
 //! `mamf verify`: replay recorded rollouts.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -35,7 +34,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         env::info(task)?;
     }
     let code = match verify::verify(&args.directory, args.task.as_deref()) {
-        Ok(report) => print(&report)?,
+        Ok(report) => print(&report),
         Err(error @ (UnusableInput::Directory(_) | UnusableInput::Empty { .. })) => {
             super::tell(&format!("error: {error}"));
             UNUSABLE
@@ -45,27 +44,25 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 /// Prints the outcome; the exit code that goes with it.
-fn print(report: &Report) -> std::io::Result<u8> {
-    let mut out = std::io::stdout().lock();
-    write!(out, "{}", verify::tables(&report.summaries))?;
-    writeln!(
-        out,
+fn print(report: &Report) -> u8 {
+    let mut text = verify::tables(&report.summaries);
+    text += &format!(
         "\nsettling: state and observation after the steps at rest with which an episode begins. goal: achieved\n\
          goals, and how far the desired goal is from those the task draws. sparse: reward of the sparse variant.\n\
          success, ends: steps at which simulator and recording (rules and simulator) disagree. touched: steps in\n\
          which something came within 2.5 mm of a forearm, whose shape is approximate; they are kept apart. rule: reward computed\n\
          from observations, with the velocity before the step; mean-v: with the mean of the velocities around it.\n\
-         known: coordinates that rules fill in. Tolerance {:.0e}; relative {:.0e} where the verdict says so.",
+         known: coordinates that rules fill in. Tolerance {:.0e}; relative {:.0e} where the verdict says so.\n",
         verify::TOLERANCE,
         verify::RELATIVE_TOLERANCE,
-    )?;
+    );
     if report.skipped > 0 {
-        writeln!(
-            out,
-            "{} rollouts of other tasks were left out.",
+        text += &format!(
+            "{} rollouts of other tasks were left out.\n",
             report.skipped
-        )?;
+        );
     }
+    super::report_to_reader(&text);
     for summary in report.summaries.iter().filter(|s| !s.within_tolerance()) {
         let path = summary.path.display();
         match summary.diverged {
@@ -81,5 +78,5 @@ fn print(report: &Report) -> std::io::Result<u8> {
     for failure in &report.failures {
         super::tell(&format!("error: {failure}"));
     }
-    Ok(if report.passed() { PASSED } else { FAILED })
+    if report.passed() { PASSED } else { FAILED }
 }

@@ -6,6 +6,7 @@ use super::keys::{self, KEYS, Key};
 use super::method::TEXT_READINGS;
 use super::range::Range;
 use super::{Config, Method, validate};
+use crate::core::text;
 use crate::env;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -72,7 +73,7 @@ impl Overrides {
 /// When the file is unreadable or not TOML, a key is unknown, a value has a wrong type or lies out
 /// of range, or `task` is missing.
 pub fn read(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
-    parse(&text(path)?, path, overrides)
+    parse(&contents(path)?, path, overrides)
 }
 
 /// As [`read`], of a `text` that is said to come from `path`.
@@ -89,7 +90,7 @@ pub fn parse(text: &str, path: &Path, overrides: &Overrides) -> Result<Config, C
 /// # Errors
 /// As [`read`], and when a key is missing.
 pub fn read_resolved(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
-    let text = text(path)?;
+    let text = contents(path)?;
     let there = given(&text, path, &Overrides::default())?.values;
     let config = parse(&text, path, overrides)?;
     let is_missing = |name: &String| {
@@ -106,8 +107,8 @@ pub fn read_resolved(path: &Path, overrides: &Overrides) -> Result<Config, Confi
     }
 }
 
-fn text(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
+fn contents(path: &Path) -> Result<String, ConfigError> {
+    text::read(path).map_err(|error| ConfigError::Unreadable {
         path: path.to_owned(),
         error,
     })
@@ -295,7 +296,22 @@ fn admit(source: &Source, key: &Key, value: &Value) -> Result<Value, ConfigError
             _ => None,
         };
         let hint = nearest.map_or(String::new(), |id| format!("; did you mean {id:?}?"));
+        let hint = quoting(source, key, value).unwrap_or(hint);
         wrong_value(source, key.name, value, format!("{}{hint}", key.range))
+    })
+}
+
+/// How to say as text what an option said as a number, a date or a list, where text is wanted. `value` is TOML as it was
+/// written, and a shell takes away one pair of quotes.
+fn quoting(source: &Source, key: &Key, value: &Value) -> Option<String> {
+    let Source::Option(option) = source else {
+        return None;
+    };
+    let (_, written) = option.split_once('=')?;
+    let is_text = matches!(key.range, Range::Text | Range::Task);
+    (is_text && !value.is_str()).then(|| {
+        let (kind, name, written) = (value.type_str(), key.name, written.trim());
+        format!(", not a value of type {kind}; as text, in a shell: --set '{name}=\"{written}\"'")
     })
 }
 

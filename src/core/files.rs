@@ -6,6 +6,7 @@
 //! (`Files::failing_after`), and the file beside has one fixed name, so that a process that is killed again and again leaves one
 //! such file at most. [`NewFile`] is for what the user asked for: it never takes the place of another file.
 
+use super::leftovers::Unfinished;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
@@ -15,12 +16,22 @@ use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 /// What the system refused, and where.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {error}", path.display())]
+#[error("{}: {error}{}", path.display(), hint(error))]
 pub struct FileError {
     /// The file or directory.
     pub path: PathBuf,
     /// What the system said; part of the message, and hence no source of it.
     pub error: io::Error,
+}
+
+/// What to think of where the system's words leave it open.
+fn hint(error: &io::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::FileTooLarge => {
+            "; a limit on the size of files (`ulimit -f`), or that of the file system"
+        }
+        _ => "",
+    }
 }
 
 impl FileError {
@@ -36,6 +47,8 @@ impl FileError {
 pub struct Files {
     #[cfg(test)]
     failure: Option<failure::Failure>,
+    #[cfg(test)]
+    below: failure::LowerLayer,
 }
 
 /// Whether an operation is done as a whole or in part.
@@ -157,12 +170,43 @@ impl Files {
         self.sync_dir(parent(path))
     }
 
-    /// Gives `from` the name `to`, which must be free or a file.
+    /// Gives `from` the name `to`, which must be free or a file. A directory that the file system does not rename, though it
+    /// stays there, is copied instead: one of a lower layer of overlayfs, as containers have it.
     ///
     /// # Errors
     /// When the system refuses.
     pub fn rename(&self, from: &Path, to: &Path) -> Result<(), FileError> {
-        self.at_once(to, || fs::rename(from, to))
+        #[cfg(test)]
+        let renames = self.below.renames(from);
+        #[cfg(not(test))]
+        let renames = true;
+        let renamed = self.at_once(to, || match renames {
+            true => fs::rename(from, to),
+            false => Err(ErrorKind::CrossesDevices.into()),
+        });
+        match renamed {
+            Err(refused) if is_to_be_copied(&refused.error) && from.is_dir() => {
+                self.rename_copied(from, to)
+            }
+            renamed => renamed,
+        }
+    }
+
+    /// Copies the directory `from`, which holds files alone, gives the copy the name `to`, and removes `from`. Whenever that
+    /// ends, one of both is whole.
+    fn rename_copied(&self, from: &Path, to: &Path) -> Result<(), FileError> {
+        let copy = beside(to, COPY);
+        self.remove(&copy)?;
+        self.create_dir(&copy)?;
+        for entry in fs::read_dir(from).map_err(FileError::at(from))? {
+            let path = entry.map_err(FileError::at(from))?.path();
+            let bytes = fs::read(&path).map_err(FileError::at(&path))?;
+            let name = path.file_name().unwrap_or_default();
+            self.write(&copy.join(name), &bytes)?;
+        }
+        self.sync_dir(&copy)?;
+        self.rename(&copy, to)?;
+        self.remove(from)
     }
 
     /// Cuts the file `path` to `length` bytes.
@@ -202,18 +246,29 @@ impl Files {
     }
 }
 
+/// What the name of a directory's copy ends in, until that has the name of the directory.
+pub const COPY: &str = "copy";
+
+/// Whether a directory that was not renamed because of `error` can be copied instead.
+fn is_to_be_copied(error: &io::Error) -> bool {
+    error.kind() == ErrorKind::CrossesDevices
+}
+
 fn full(path: &Path) -> FileError {
     FileError::at(path)(ErrorKind::StorageFull.into())
 }
 
-/// What the system said, without the name of a temporary file, which the user does not know.
-fn plain(error: io::Error) -> io::Error {
-    let cause = error.get_ref().and_then(|error| error.source());
-    let cause = cause.and_then(|error| error.downcast_ref::<io::Error>());
-    match cause.and_then(io::Error::raw_os_error) {
-        Some(code) => io::Error::from_raw_os_error(code),
-        None => error,
+/// What the system said of a file that can't be made in `folder`, without the name of a temporary file, which the user does
+/// not know.
+fn plain(error: &io::Error, folder: &Path) -> io::Error {
+    let kind = error.kind();
+    if kind == ErrorKind::NotFound {
+        let folder = folder.display();
+        return io::Error::new(kind, format!("there is no folder {folder}; make it first"));
     }
+    let text = error.to_string();
+    let said = text.split(" at path \"").next().unwrap_or_default();
+    io::Error::new(kind, said)
 }
 
 /// `path` with `.suffix` after its name.
@@ -238,6 +293,7 @@ pub fn parent(path: &Path) -> &Path {
 pub struct NewFile {
     target: PathBuf,
     temporary: TempPath,
+    unfinished: Unfinished,
 }
 
 impl NewFile {
@@ -258,10 +314,16 @@ impl NewFile {
         // Unlike most temporary files it is to be one that others may read, if the umask lets them.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(parent(&target)).map_err(plain)?;
+        let folder = parent(&target);
+        let make = || {
+            let file = builder.tempfile_in(folder);
+            file.map_err(|error| plain(&error, folder))
+        };
+        let (file, unfinished) = Unfinished::making(make, |file| file.path().to_owned())?;
         Ok(NewFile {
             target,
             temporary: file.into_temp_path(),
+            unfinished,
         })
     }
 
@@ -280,8 +342,27 @@ impl NewFile {
     /// # Errors
     /// [`ErrorKind::AlreadyExists`] if another one took the name in the meantime.
     pub fn keep(self) -> io::Result<()> {
-        let kept = self.temporary.persist_noclobber(&self.target);
-        kept.map_err(|error| error.error)
+        self.keep_for_now().map(drop)
+    }
+
+    /// As [`keep`](NewFile::keep), for a file that is part of something in the making: it goes with the process until what
+    /// is returned is dropped.
+    ///
+    /// # Errors
+    /// As [`keep`](NewFile::keep).
+    pub fn keep_for_now(self) -> io::Result<Unfinished> {
+        let NewFile {
+            target,
+            temporary,
+            unfinished,
+        } = self;
+        let keep = || {
+            let kept = temporary.persist_noclobber(&target);
+            kept.map_err(|error| error.error)
+        };
+        let kept = Unfinished::making(keep, |()| target.clone());
+        drop(unfinished);
+        kept.map(|((), unfinished)| unfinished)
     }
 }
 
@@ -340,9 +421,12 @@ impl std::fmt::Debug for Checksummer {
 #[cfg(test)]
 mod failure {
     use super::{Extent, FileError, Files, full};
-    use std::path::Path;
+    use std::collections::BTreeSet;
+    use std::os::unix::fs::MetadataExt;
+    use std::path::{Path, PathBuf};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
+    use std::time::SystemTime;
 
     /// Operations left until it fails; `u64::MAX` once it has.
     #[derive(Debug, Clone)]
@@ -364,13 +448,39 @@ mod failure {
         }
     }
 
+    /// Directories of a lower layer of overlayfs: they are not renamed. An inode is used again, and then made later.
+    #[derive(Debug, Clone, Default)]
+    pub(super) struct LowerLayer(Arc<BTreeSet<(u64, SystemTime)>>);
+
+    impl LowerLayer {
+        pub(super) fn renames(&self, path: &Path) -> bool {
+            self.0.is_empty() || !self.0.contains(&which(path))
+        }
+    }
+
+    fn which(path: &Path) -> (u64, SystemTime) {
+        let found = path.metadata().unwrap();
+        (found.ino(), found.created().unwrap())
+    }
+
     impl Files {
+        /// A file system on which `directories` are not renamed, as overlayfs does not rename those of a lower layer.
+        pub(crate) fn over(directories: &[PathBuf]) -> Files {
+            Files {
+                below: LowerLayer(Arc::new(
+                    directories.iter().map(|path| which(path)).collect(),
+                )),
+                ..Files::default()
+            }
+        }
+
         /// A disk on which `operations` more operations succeed. The next one is done by half; then nothing
         /// is done any more.
         pub(crate) fn failing_after(operations: u64) -> Files {
             let left = Arc::new(AtomicU64::new(operations));
             Files {
                 failure: Some(Failure(left)),
+                ..Files::default()
             }
         }
 
@@ -409,6 +519,30 @@ mod tests {
         }
         // Creation, contents, sync, name; the directory's sync, and the end.
         assert_eq!(outcomes, [4, 2]);
+    }
+
+    #[test]
+    fn a_directory_that_is_not_renamed_is_copied() {
+        let place = tempfile::tempdir().unwrap();
+        let [from, to] = ["from", "to"].map(|name| place.path().join(name));
+        fs::create_dir(&from).unwrap();
+        fs::write(from.join("a"), "one").unwrap();
+        fs::create_dir(beside(&to, COPY)).unwrap();
+        fs::write(beside(&to, COPY).join("b"), "of a crash").unwrap();
+        let files = Files::over(std::slice::from_ref(&from));
+        files.rename(&from, &to).unwrap();
+        assert_eq!(fs::read_to_string(to.join("a")).unwrap(), "one");
+        assert_eq!(fs::read_dir(&to).unwrap().count(), 1);
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+        // What the system says of overlayfs, and what is no reason to copy.
+        assert!(is_to_be_copied(&io::Error::from_raw_os_error(18)));
+        assert!(!is_to_be_copied(&io::Error::from_raw_os_error(13)));
+    }
+
+    #[test]
+    fn a_limit_on_the_size_of_files_is_named() {
+        let error = FileError::at(Path::new("a"))(io::Error::from_raw_os_error(27));
+        assert!(error.to_string().contains("ulimit -f"), "{error}");
     }
 
     #[test]
@@ -468,5 +602,19 @@ mod tests {
         let error = file.keep().unwrap_err();
         assert_eq!(error.kind(), ErrorKind::AlreadyExists);
         assert_eq!(fs::read_dir(place.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_made_is_refused_without_its_temporary_name() {
+        let place = tempfile::tempdir().unwrap();
+        let said = |path: PathBuf| NewFile::create(path).unwrap_err().to_string();
+        let missing = said(place.path().join("none/a.txt"));
+        assert!(missing.starts_with("there is no folder /"), "{missing}");
+        fs::write(place.path().join("file"), "").unwrap();
+        let below = said(place.path().join("file/a.txt"));
+        assert!(
+            !below.contains(" at path ") && below.contains("irectory"),
+            "{below}"
+        );
     }
 }

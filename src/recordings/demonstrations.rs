@@ -159,8 +159,11 @@ impl Demonstrations {
     /// # Errors
     /// If there is no recording, or one is damaged, of another task, of other sizes, holds a number
     /// that is not finite or more than one episode.
-    pub fn load(pattern: &str, sizes: &Sizes<'_>) -> Result<Demonstrations, DemonstrationError> {
-        let files = find(pattern)?;
+    pub fn load(
+        pattern: impl AsRef<Path>,
+        sizes: &Sizes<'_>,
+    ) -> Result<Demonstrations, DemonstrationError> {
+        let files = find(pattern.as_ref())?;
         let trajectories: Result<Vec<_>, _> = files
             .iter()
             .map(|path| Demonstration::read(path, sizes))

@@ -1,32 +1,24 @@
 //! Finds recordings on disk.
 
+use crate::core::paths::{PatternsError, matching};
 use crate::core::walk::{Walk, WalkError};
 use std::collections::BTreeSet;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// Why no recording is found. Each message names the pattern or the path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FindError {
-    /// A directory cannot be read.
-    #[error("cannot read the directory {}: {source}", path.display())]
-    Directory {
-        /// The directory.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
     /// A directory cannot be searched.
     #[error(transparent)]
     Walk(#[from] WalkError),
-    /// The pattern is malformed.
-    #[error("`{pattern}` is not a pattern of paths: {source}")]
+    /// The pattern is malformed, or a directory on its way cannot be read.
+    #[error("`{pattern}`: {error}")]
     Pattern {
         /// The pattern.
         pattern: String,
-        /// What is wrong.
-        source: glob::PatternError,
+        /// What is wrong; part of the message, and hence no source of it.
+        error: PatternsError,
     },
     /// There is no such path.
     #[error("nothing matches `{pattern}`")]
@@ -49,39 +41,23 @@ pub enum FindError {
 ///
 /// # Errors
 /// If there is none, the pattern is malformed or a directory cannot be read.
-pub fn find(pattern: &str) -> Result<Vec<PathBuf>, FindError> {
+pub fn find(pattern: &Path) -> Result<Vec<PathBuf>, FindError> {
+    let text = || pattern.display().to_string();
+    let paths = matching(pattern).map_err(|error| FindError::Pattern {
+        pattern: text(),
+        error,
+    })?;
+    if paths.is_empty() {
+        return Err(FindError::NoMatch { pattern: text() });
+    }
     let mut search = Search::default();
-    for path in matches(pattern)? {
+    for path in paths {
         search.add(path)?;
     }
     if search.found.is_empty() {
-        return Err(FindError::NoRecording {
-            pattern: pattern.to_owned(),
-        });
+        return Err(FindError::NoRecording { pattern: text() });
     }
     Ok(search.found.into_iter().collect())
-}
-
-/// The path `pattern` itself if it exists, or else all that match it.
-fn matches(pattern: &str) -> Result<Vec<PathBuf>, FindError> {
-    if Path::new(pattern).exists() {
-        return Ok(vec![pattern.into()]);
-    }
-    let paths = glob::glob(pattern).map_err(|source| FindError::Pattern {
-        pattern: pattern.to_owned(),
-        source,
-    })?;
-    let paths: Result<Vec<PathBuf>, _> = paths.collect();
-    let paths = paths.map_err(|error| FindError::Directory {
-        path: error.path().to_owned(),
-        source: error.into(),
-    })?;
-    if paths.is_empty() {
-        return Err(FindError::NoMatch {
-            pattern: pattern.to_owned(),
-        });
-    }
-    Ok(paths)
 }
 
 #[derive(Default)]
@@ -135,7 +111,7 @@ mod tests {
             path.to_str().unwrap().to_owned()
         };
         let pattern = root.path().join(pattern);
-        find(pattern.to_str().unwrap()).map(|paths| paths.iter().map(relative).collect())
+        find(&pattern).map(|paths| paths.iter().map(relative).collect())
     }
 
     #[test]

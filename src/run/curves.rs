@@ -236,20 +236,22 @@ struct Table {
 impl Curves {
     /// Makes the files in the run directory.
     pub(crate) fn create(files: &Files, directory: &Path) -> Result<Curves, FileError> {
-        let create = |name| {
+        let create = |name, columns: &[Column]| {
             let path = directory.join(name);
-            let file = files.create(&path)?;
+            let mut file = files.create(&path)?;
+            let header = format!("{}\n", names(columns).join(","));
+            files.append(&mut file, &path, header.as_bytes())?;
             Ok::<_, FileError>(Table {
                 path,
                 file,
-                columns: None,
+                columns: Some(columns.len()),
             })
         };
         let [train, eval, timing] = CURVES;
         let curves = Curves {
-            train: create(train)?,
-            eval: create(eval)?,
-            timing: create(timing)?,
+            train: create(train, &TRAIN)?,
+            eval: create(eval, &EVAL)?,
+            timing: create(timing, &TIMING)?,
             files: files.clone(),
         };
         files.sync_dir(directory)?;
@@ -292,6 +294,12 @@ impl Curves {
         let tables = [&self.train, &self.eval, &self.timing];
         let mut named = CURVES.iter().zip(tables);
         named.try_for_each(|(name, table)| self.files.truncate(&table.path, length(sealed, name)))
+    }
+
+    /// Waits until all rows outlive a loss of power.
+    pub(crate) fn sync(&self) -> Result<(), FileError> {
+        let mut tables = [&self.train, &self.eval, &self.timing].into_iter();
+        tables.try_for_each(|table| self.files.sync(&table.file, &table.path))
     }
 
     /// Waits until all rows outlive a loss of power, and seals them.

@@ -1,6 +1,8 @@
 //! The directory of a run.
 
+use super::checkpoint;
 use super::lock::{LOCK, LockError, RunLock};
+use super::replay_log::ReplayLog;
 use super::schema::{CONFIG_TOML, CURVES, RUN_JSON};
 use crate::config::Config;
 use crate::core::files::{FileError, Files, parent};
@@ -26,9 +28,18 @@ pub enum RunDirectoryError {
         .0.display()
     )]
     Exists(PathBuf),
-    /// `--force` on something that is no run.
-    #[error("{} is no run directory (it lacks config.toml or run.json) and is left as it is, --force or not", .0.display())]
-    NotARun(PathBuf),
+    /// It is no run, and something lies there.
+    #[error(
+        "{}: no run directory, and in the way is {}; it is left as it is, with --force as well: choose another --out, or move that away",
+        path.display(),
+        foreign.display()
+    )]
+    NotARun {
+        /// Where the run was to go.
+        path: PathBuf,
+        /// What lies there.
+        foreign: PathBuf,
+    },
     /// There is nothing to resume.
     #[error(
         "{}: no run to resume here (expected a run directory, with config.toml and checkpoints/); `mamf train --config FILE` begins one",
@@ -46,23 +57,12 @@ pub enum RunDirectoryError {
     File(#[from] FileError),
 }
 
-/// What a run writes to the directory of its checkpoints.
-const CHECKPOINTS: [&str; 8] = [
-    "last",
-    "last.new",
-    "previous",
-    "previous.old",
-    "best",
-    "best.new",
-    "best.old",
-    "replay",
-];
-
-/// Whether nothing lies in the directory `path`, or only what a process leaves that ended before its run
-/// began.
-fn is_vacant(path: &Path) -> std::io::Result<bool> {
-    let mut entries = match std::fs::read_dir(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(true),
+/// What is in the way of a run in the directory `path`, if anything is: neither what a process leaves that ended before
+/// its run began, nor the file that this process's own words go to.
+fn foreign(path: &Path) -> std::io::Result<Option<PathBuf>> {
+    let entries = match std::fs::read_dir(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) if error.kind() == ErrorKind::NotADirectory => return Ok(Some(path.to_owned())),
         entries => entries?,
     };
     let leftover = |name: &OsStr| {
@@ -70,7 +70,25 @@ fn is_vacant(path: &Path) -> std::io::Result<bool> {
             || name == "config.toml.new"
             || name == "checkpoints" && is_empty(&path.join(name))
     };
-    Ok(entries.all(|entry| entry.is_ok_and(|entry| leftover(&entry.file_name()))))
+    let mut in_the_way = Vec::new();
+    for entry in entries {
+        let name = entry?.file_name();
+        if !leftover(&name) && !is_our_log(&path.join(&name)) {
+            in_the_way.push(path.join(name));
+        }
+    }
+    Ok(in_the_way.into_iter().min())
+}
+
+/// Whether standard output or standard error of this process goes to the file `path`.
+fn is_our_log(path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let place = |path: &Path| {
+        let found = path.metadata().ok().filter(std::fs::Metadata::is_file);
+        found.map(|found| (found.dev(), found.ino()))
+    };
+    let streams = ["/proc/self/fd/1", "/proc/self/fd/2"].map(|stream| place(Path::new(stream)));
+    place(path).is_some_and(|file| streams.contains(&Some(file)))
 }
 
 /// Whether a run was begun in the directory `path`.
@@ -118,6 +136,18 @@ impl RunDirectory {
         RunDirectory::create_on(Files::default(), path, force)
     }
 
+    /// What is in the way of a run at `path`, if anything is.
+    ///
+    /// # Errors
+    /// When the system refuses to tell.
+    pub fn obstacle(path: &Path) -> std::io::Result<Option<RunDirectoryError>> {
+        let path = path.to_owned();
+        Ok(foreign(&path)?.map(|foreign| match is_run(&path) {
+            true => RunDirectoryError::Exists(path),
+            false => RunDirectoryError::NotARun { path, foreign },
+        }))
+    }
+
     /// As [`create`](RunDirectory::create), all that the run keeps being written through `files`.
     ///
     /// # Errors
@@ -128,17 +158,10 @@ impl RunDirectory {
         force: bool,
     ) -> Result<RunDirectory, RunDirectoryError> {
         let io = |error| FileError::at(path)(error);
-        let vacant = match is_vacant(path) {
-            Err(error) if error.kind() == ErrorKind::NotADirectory => {
-                return Err(RunDirectoryError::NotARun(path.to_owned()));
-            }
-            vacant => vacant.map_err(io)?,
-        };
-        if !vacant && !force {
-            return Err(RunDirectoryError::Exists(path.to_owned()));
-        }
-        if !vacant && !is_run(path) {
-            return Err(RunDirectoryError::NotARun(path.to_owned()));
+        if let Some(error) = RunDirectory::obstacle(path).map_err(io)?
+            && !(force && is_run(path))
+        {
+            return Err(error);
         }
         create_synced(&files, path)?;
         let directory = RunDirectory {
@@ -147,8 +170,11 @@ impl RunDirectory {
             files,
         };
         // Another process may have begun a run here in the meantime.
-        if !force && !is_vacant(path).map_err(io)? {
-            return Err(RunDirectoryError::Exists(path.to_owned()));
+        if let Some(error) =
+            RunDirectory::obstacle(path).map_err(|error| FileError::at(path)(error))?
+            && !force
+        {
+            return Err(error);
         }
         directory.empty()?;
         Ok(directory)
@@ -187,9 +213,8 @@ impl RunDirectory {
             self.files.remove(&self.path.join(name))?;
         }
         self.remove_videos()?;
-        for name in CHECKPOINTS {
-            self.files.remove(&self.checkpoint(name))?;
-        }
+        checkpoint::remove_all(&self.files, &self.checkpoints())?;
+        ReplayLog::remove(&self.files, &self.replay())?;
         self.files.create_dir(&self.checkpoints())
     }
 

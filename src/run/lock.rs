@@ -60,9 +60,7 @@ impl RunLock {
             let held = match file.try_lock() {
                 Ok(()) => false,
                 Err(TryLockError::WouldBlock) => true,
-                Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {
-                    is_running(&holder)
-                }
+                Err(TryLockError::Error(error)) if knows_no_locks(&error) => is_running(&holder),
                 Err(TryLockError::Error(error)) => return Err(at(error)),
             };
             if held {
@@ -96,6 +94,19 @@ impl Drop for RunLock {
         // A file that stays is taken over by the next process.
         let _ = Files::default().remove(&self.path);
     }
+}
+
+/// Whether a lock was refused because the file system knows none, in whatever words: network file systems without their
+/// lock service say that no locks are left, others that the request means nothing to them or is not permitted, although
+/// the file was opened to be written.
+fn knows_no_locks(error: &std::io::Error) -> bool {
+    const ENOLCK: i32 = 37;
+    let kinds = [
+        ErrorKind::Unsupported,
+        ErrorKind::InvalidInput,
+        ErrorKind::PermissionDenied,
+    ];
+    kinds.contains(&error.kind()) || error.raw_os_error() == Some(ENOLCK)
 }
 
 /// Whether `file` is what lies at `path`.
@@ -145,6 +156,15 @@ mod tests {
             let lock = RunLock::take(directory.path()).unwrap();
             assert_eq!(lock.left_by.as_deref(), Some(left));
         }
+    }
+
+    #[test]
+    fn a_file_system_without_locks_is_known_by_what_it_says() {
+        let said = |code| knows_no_locks(&std::io::Error::from_raw_os_error(code));
+        // ENOLCK, EINVAL, EPERM, EACCES, ENOSYS, EOPNOTSUPP.
+        assert!([37, 22, 1, 13, 38, 95].into_iter().all(said));
+        // EIO, EINTR, EBADF, ENOSPC.
+        assert!(![5, 4, 9, 28].into_iter().any(said));
     }
 
     #[test]

@@ -75,7 +75,9 @@ impl Provenance {
             computes: COMPUTES,
             mujoco: mujoco_rs::version_string(),
             rustc: env!("MAMF_RUSTC"),
-            command: std::env::args().collect(),
+            command: std::env::args_os()
+                .map(|word| word.to_string_lossy().into_owned())
+                .collect(),
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
             host: host(),
             cpu: processor(),

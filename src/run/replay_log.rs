@@ -216,7 +216,9 @@ impl ReplayLog {
             let known = self.chunks.iter().find(|c| self.path(c.first) == path);
             let length = entry.metadata().map_err(FileError::at(&path))?.len();
             match known {
-                None => files.remove(&path)?,
+                None if is_chunk(&path) => files.remove(&path)?,
+                // Somebody else's.
+                None => (),
                 Some(chunk) if length > bytes(chunk.rows, width) => {
                     files.truncate(&path, bytes(chunk.rows, width))?;
                 }
@@ -229,6 +231,28 @@ impl ReplayLog {
     fn path(&self, first: u64) -> PathBuf {
         self.directory.join(format!("{first:012}.f32"))
     }
+
+    /// Removes the log in `directory`, and the directory unless something else lies there.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn remove(files: &Files, directory: &Path) -> Result<(), FileError> {
+        let entries = directory.read_dir().into_iter().flatten().flatten();
+        let (ours, others): (Vec<PathBuf>, Vec<PathBuf>) = entries
+            .map(|entry| entry.path())
+            .partition(|path| is_chunk(path));
+        match others.is_empty() {
+            true => files.remove(directory),
+            false => ours.iter().try_for_each(|path| files.remove(path)),
+        }
+    }
+}
+
+/// Whether `path` has the name of a chunk.
+fn is_chunk(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let number = name.strip_suffix(".f32");
+    number.is_some_and(|number| number.len() >= 12 && number.bytes().all(|b| b.is_ascii_digit()))
 }
 
 fn bytes(rows: u64, width: usize) -> u64 {
@@ -355,13 +379,15 @@ mod tests {
         let then = written.newest(CAPACITY);
         push(&mut written, 45);
         log.append(&files, &written).unwrap();
-        fs::write(path.join("stranger"), "left by a crash").unwrap();
+        fs::write(path.join("000000000099.f32"), "left by a crash").unwrap();
+        fs::write(path.join("stranger"), "somebody else's").unwrap();
 
         let mut read = buffer();
         let log = ReplayLog::read(&path, &first, &mut read).unwrap();
         assert_eq!(read.newest(CAPACITY), then);
         log.trim(&files, read.width()).unwrap();
-        assert_eq!(names(&path), ["000000000000.f32", "000000000016.f32"]);
+        let kept = ["000000000000.f32", "000000000016.f32", "stranger"];
+        assert_eq!(names(&path), kept);
         let length = fs::metadata(path.join("000000000016.f32")).unwrap().len();
         assert_eq!(length, bytes(14, read.width()));
     }

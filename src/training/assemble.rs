@@ -19,7 +19,7 @@ use crate::nn::{
     Architecture, Coupling, Mlp, ObservationScaling, RunningMoments, WeightError, Weights,
 };
 use crate::planning::{Planner, PlannerSettings, Worth};
-use crate::recordings::{Demonstrations, Sizes};
+use crate::recordings::{DemonstrationError, Demonstrations, Sizes};
 use crate::replay::{ReplayBuffer, Uniform};
 use crate::run::provenance::Provenance;
 use crate::run::schema::{CONFIG_TOML, RUN_JSON};
@@ -27,6 +27,7 @@ use crate::run::{
     Checkpoint, CheckpointError, Curves, ReplayLog, ReplayMemory, RunDirectory, RunDirectoryError,
 };
 use crate::task::{Env, Rules, Spec};
+use std::path::Path;
 use std::sync::Arc;
 
 /// The task of `config`, wrapped as configured.
@@ -227,6 +228,7 @@ impl Trainer {
             best_return: None,
             last_return: None,
             told_full: false,
+            evaluated: None,
             config,
             directory,
             curves,
@@ -338,7 +340,14 @@ pub fn demonstrations(config: &Config, spec: &Spec) -> Result<Option<Demonstrati
     if path.is_empty() {
         return Ok(None);
     }
-    Ok(Some(Demonstrations::load(path, &Sizes::of(spec))?))
+    let path = Path::new(path);
+    let loaded = Demonstrations::load(path, &Sizes::of(spec));
+    let loaded = loaded.map_err(|error| {
+        let is_lost = matches!(error, DemonstrationError::Find(_)) && path.is_relative();
+        let base = is_lost.then(std::env::current_dir).and_then(Result::ok);
+        TrainError::Demonstrations { error, base }
+    })?;
+    Ok(Some(loaded))
 }
 
 /// The sources of experience, the first of which steps in `first`. Segments beside a main episode have an environment

@@ -33,10 +33,12 @@ pub enum TrainError {
     #[error(transparent)]
     Task(#[from] MakeError),
     /// The demonstrations can't be used.
-    #[error("demonstrations.path: {error}")]
+    #[error("demonstrations.path: {error}{}", relative_to(base))]
     Demonstrations {
         /// What is wrong with them; part of the message, and hence no source of it.
         error: DemonstrationError,
+        /// The working directory, where they were not found and their path is relative to it.
+        base: Option<PathBuf>,
     },
     /// A file of the run directory can't be written.
     #[error(transparent)]
@@ -155,15 +157,19 @@ impl TrainError {
     }
 }
 
+fn relative_to(base: &Option<PathBuf>) -> String {
+    match base {
+        Some(base) => format!(
+            "; the path is relative to the working directory, {}, also when a run goes on",
+            base.display()
+        ),
+        None => String::new(),
+    }
+}
+
 fn good_checkpoint(checkpoint: &Option<PathBuf>) -> String {
     match checkpoint {
         Some(path) => format!("the last good checkpoint is {}", path.display()),
         None => "no checkpoint had been saved yet".to_owned(),
-    }
-}
-
-impl From<DemonstrationError> for TrainError {
-    fn from(error: DemonstrationError) -> TrainError {
-        TrainError::Demonstrations { error }
     }
 }

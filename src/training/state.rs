@@ -115,8 +115,8 @@ impl Trainer {
         let written = checkpoint::write(files, &last, &contents, &manifest)
             .and_then(|()| checkpoint::stand(files, &last, Some(&previous)));
         self.on_disk(written)?;
-        let pruned = self.log.prune(self.directory.files(), self.needed);
-        self.on_disk(pruned)?;
+        // The checkpoint stands: a chunk that can't be removed yet is tried again after the next one.
+        let _ = self.log.prune(self.directory.files(), self.needed);
         self.needed = self.replay.stored().start;
         Ok(())
     }
@@ -209,8 +209,11 @@ impl Trainer {
             monitor.memory(&memory);
             return begin_again(config, env, directory, monitor);
         };
-        if let Some(step) = finished(newest, &config) {
-            tidy_up(&directory, &spec)?;
+        if let Some(step) = finished(newest, directory.path(), &config) {
+            // The run is done, whatever tidying up meets.
+            if let Err(error) = tidy_up(&directory, &spec) {
+                monitor.note(&format!("left as it is: {error}"));
+            }
             return Ok(Resumed::Finished(step));
         }
         monitor.memory(&memory);
@@ -264,6 +267,7 @@ impl Trainer {
         }
         self.log.trim(files, self.replay.width())?;
         self.curves.cut(sealed)?;
+        self.evaluated = evaluated(self.directory.path());
         self.directory.write(CONFIG_TOML, &self.config.to_toml())?;
         let json = fs::read_to_string(self.directory.path().join(RUN_JSON)).unwrap_or_default();
         self.directory
@@ -280,8 +284,7 @@ fn begin_again(
     monitor: &mut dyn Monitor,
 ) -> Result<Resumed, TrainError> {
     let path = directory.path().to_owned();
-    let last = last_row(&path.join(EVAL_CSV));
-    let reached = last.and_then(|row| row.first()?.parse().ok()).unwrap_or(0);
+    let reached = evaluated(&path).unwrap_or(0);
     let due = config.checkpoint.every.min(config.steps);
     if reached >= due {
         return Err(TrainError::CheckpointsMissing { path, reached, due });
@@ -299,10 +302,19 @@ fn begin_again(
     Ok(Resumed::Run(Box::new(trainer)))
 }
 
-/// The steps of a run that has taken all of them, if its checkpoint at `path` is whole.
-fn finished(path: &Path, config: &Config) -> Option<u64> {
+/// The steps of the run in `directory` if it has taken all of them and was evaluated after them, and its checkpoint at
+/// `path` is whole.
+fn finished(path: &Path, directory: &Path, config: &Config) -> Option<u64> {
     let checkpoint = Checkpoint::load(path).ok()?;
-    (checkpoint.step == config.steps).then_some(checkpoint.step)
+    let step = checkpoint.step;
+    // A run that is not saved to go on can't be evaluated any more either.
+    let is_done = evaluated(directory) >= Some(step) || !config.checkpoint.replay;
+    (step == config.steps && is_done).then_some(step)
+}
+
+/// Steps before the last evaluation of the run in `directory`.
+fn evaluated(directory: &Path) -> Option<u64> {
+    last_row(&directory.join(EVAL_CSV))?.first()?.parse().ok()
 }
 
 /// What the checkpoint called `name` says of the replay buffer, if it is there and says so.
@@ -333,7 +345,7 @@ fn tidy_up(directory: &RunDirectory, spec: &Spec) -> Result<(), FileError> {
 pub(super) fn finished_run(path: &Path, overrides: &Overrides) -> Option<u64> {
     let config = config::read_resolved(&path.join(CONFIG_TOML), overrides).ok()?;
     let found = checkpoint::standing(&path.join("checkpoints"));
-    finished(found.first()?, &config)
+    finished(found.first()?, path, &config)
 }
 
 fn manifest(step: u64, contents: &checkpoint::Contents) -> Manifest {

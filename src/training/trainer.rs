@@ -80,6 +80,8 @@ pub struct Trainer {
     pub(super) last_return: Option<f64>,
     /// Whether it has been said that a buffer of the simulator was full.
     pub(super) told_full: bool,
+    /// Steps before the last evaluation.
+    pub(super) evaluated: Option<u64>,
 }
 
 /// What it means that a buffer of the simulator is full.
@@ -188,8 +190,13 @@ impl Trainer {
             if self.config.video.every > 0 && round.is_due(self.config.video.every) {
                 self.record_video(monitor, stop);
             }
-            let stopped = stop.load(Ordering::Relaxed) && self.step < steps;
-            if stopped || self.step == steps || round.is_due(self.config.checkpoint.every) {
+            let last = self.step == steps;
+            if last && !self.config.checkpoint.replay && self.evaluated != Some(steps) {
+                // No run goes on from this checkpoint.
+                self.evaluate(monitor)?;
+            }
+            let stopped = stop.load(Ordering::Relaxed) && !last;
+            if stopped || last || round.is_due(self.config.checkpoint.every) {
                 self.save_last()?;
             }
             monitor.step(&Status {
@@ -200,6 +207,18 @@ impl Trainer {
             if stopped {
                 return Ok(Outcome::Interrupted(self.step));
             }
+        }
+        // The last part of a run that ends between two evaluations is evaluated as well, after the checkpoint: a run that is
+        // made longer goes on from there as if it had never ended.
+        if self.evaluated != Some(self.step) {
+            self.evaluate(monitor)?;
+            let synced = self.curves.sync();
+            self.on_disk(synced)?;
+            monitor.step(&Status {
+                step: self.step,
+                steps,
+                return_mean: self.last_return,
+            });
         }
         Ok(Outcome::Finished)
     }
@@ -420,14 +439,17 @@ impl Trainer {
         let evaluation_time = started.elapsed();
 
         let clock = std::mem::replace(&mut self.clock, Clock::new(step));
-        let written = self.curves.evaluated(&evaluation.row(step));
-        self.on_disk(written)?;
+        self.note_evaluation(&evaluation, monitor)?;
         if step > 0 {
             let row = self.interval.take(step);
             let written = self.curves.trained(row, &clock.row(step, evaluation_time));
             self.on_disk(written)?;
         }
-        self.note_evaluation(&evaluation, monitor)
+        // Last, for this row says that the evaluation is done.
+        let written = self.curves.evaluated(&evaluation.row(step));
+        self.on_disk(written)?;
+        self.evaluated = Some(step);
+        Ok(())
     }
 
     /// Records a video, if there are to be any. That takes none of the run's time, and one that can't be made

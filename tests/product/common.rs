@@ -67,6 +67,17 @@ impl Place {
         command
     }
 
+    /// Runs a line of bash here, with `$mamf` for the program and, in `$small`, what makes a run small.
+    pub fn bash(&self, line: &str) -> Output {
+        let small: Vec<String> = SMALL.iter().map(|s| format!("--set '{s}'")).collect();
+        let mut command = Command::new("bash");
+        command.current_dir(self.0.path()).stdin(Stdio::null());
+        command.env("mamf", env!("CARGO_BIN_EXE_mamf"));
+        command.env("root", env!("CARGO_MANIFEST_DIR"));
+        let line = format!("small=({})\n{line}", small.join(" "));
+        command.args(["-c", &line]).output().unwrap()
+    }
+
     /// Runs `mamf`; it must not panic, whatever it is asked.
     pub fn run<S: AsRef<str>>(&self, arguments: &[S]) -> Output {
         let output = self.command(arguments).output().unwrap();

@@ -40,7 +40,7 @@ fn record<'a>(run: &'a str, episodes: &'a str, seed: &'a str, out: &'a str) -> V
 
 /// Replays all that `pattern` means.
 fn replayed(pattern: &Path) -> Vec<Replayed> {
-    let files = find(pattern.to_str().unwrap()).unwrap();
+    let files = find(pattern).unwrap();
     let open = |path: &PathBuf| replay(&Recording::open(path).unwrap()).unwrap();
     files.iter().map(open).collect()
 }

@@ -387,7 +387,7 @@ fn damaged_files_are_errors_or_harmless_and_never_panics() {
     }
     fs::remove_file(&json).unwrap();
     assert!(refusal(&path, &SIZES).contains("demo_1.json: is missing"));
-    assert_eq!(find(directory.path().to_str().unwrap()).unwrap(), [path]);
+    assert_eq!(find(directory.path()).unwrap(), [path]);
 }
 
 /// Writes arrays of doubles without further description.

@@ -240,7 +240,7 @@ fn recordings_are_drawn_from_their_states() {
         assert!(delays.len() > 1, "{name}");
     }
     let missing = ["--demonstration", "no.npz"];
-    place.refuse(1, &render(&missing, "no.gif"), &["no.json"]);
+    place.refuse(2, &render(&missing, "no.gif"), &["no.json"]);
 }
 
 #[test]

@@ -488,7 +488,7 @@ fn a_second_interrupt_ends_a_run_at_once_and_harms_nothing() {
     let mut child = evaluating(&place, "other");
     for name in ["TERM", "USR1", "INT"] {
         signal(&child, name);
-        std::thread::sleep(Duration::from_millis(100));
+        std::thread::sleep(Duration::from_millis(300));
     }
     assert!(child.try_wait().unwrap().is_none());
     signal(&child, "INT");

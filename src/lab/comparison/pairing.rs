@@ -1,12 +1,13 @@
 //! Runs of two sides, paired by task and seed.
 
 use crate::config::DoubledActions;
+use crate::core::paths::{PatternsError, matching};
+use crate::core::text;
 use crate::core::walk::{Walk, WalkError};
 use crate::run::schema::{CONFIG_TOML, EVAL_CSV};
 use crate::run::{CurveError, EvalRow, read_evaluations};
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -20,12 +21,12 @@ pub enum ComparisonError {
     )]
     Missing(String),
     /// A side is no pattern.
-    #[error("{pattern}: not a pattern: {error}")]
+    #[error("{pattern}: {error}")]
     Pattern {
         /// The side as it was given.
         pattern: String,
-        /// Where it goes wrong.
-        error: glob::PatternError,
+        /// Where it goes wrong; part of the message, and hence no source of it.
+        error: PatternsError,
     },
     /// There is no run.
     #[error("{0}: no run there, that is, no directory that holds an eval.csv")]
@@ -52,6 +53,20 @@ pub enum ComparisonError {
     /// The curve of a run can't be read.
     #[error(transparent)]
     Curve(CurveError),
+    /// A run has no evaluation of a policy that was trained.
+    #[error(
+        "{}: every evaluation in it is of the untrained policy, the last one after step {last} of {random} random ones; there is \
+         nothing to compare: let the run go on",
+        path.display()
+    )]
+    Untrained {
+        /// Its curve.
+        path: PathBuf,
+        /// Steps before its last evaluation.
+        last: u64,
+        /// Steps before which nothing is trained.
+        random: u64,
+    },
     /// Two runs of one side have the same task and seed.
     #[error(
         "{side}: two runs of {key}: {} and {}; name the runs of one method, for example with a pattern such as 'runs/comparison/*/mamf'", runs[0].display(), runs[1].display()
@@ -135,6 +150,7 @@ pub struct Settings {
     task: String,
     doubled_actions: Option<DoubledActions>,
     evaluation: Option<Evaluations>,
+    random_steps: Option<u64>,
     /// Seed of the run.
     pub seed: u64,
     /// Environment steps that it is to take.
@@ -172,7 +188,7 @@ impl Run {
     /// Reads the run in `directory`.
     fn read(directory: &Path) -> Result<Run, ComparisonError> {
         let path = directory.join(CONFIG_TOML);
-        let text = fs::read_to_string(&path).map_err(unreadable(path.clone()))?;
+        let text = text::read(&path).map_err(unreadable(path.clone()))?;
         let settings = toml::from_str(&text).map_err(|error| ComparisonError::Settings {
             path,
             error: Box::new(error),
@@ -194,6 +210,19 @@ impl Run {
         }
     }
 
+    /// Makes sure that some evaluation is of a policy that was trained.
+    fn check_trained(&self) -> Result<(), ComparisonError> {
+        let (last, random) = (self.last_step(), self.settings.random_steps.unwrap_or(0));
+        match last > random {
+            true => Ok(()),
+            false => Err(ComparisonError::Untrained {
+                path: self.directory.join(EVAL_CSV),
+                last,
+                random,
+            }),
+        }
+    }
+
     /// Environment steps before its last evaluation.
     pub fn last_step(&self) -> u64 {
         self.curve.last().map_or(0, |row| row.step)
@@ -204,7 +233,7 @@ impl Run {
 ///
 /// # Errors
 /// As [`find`].
-pub fn find_all(patterns: &[String]) -> Result<Vec<Run>, ComparisonError> {
+pub fn find_all(patterns: &[PathBuf]) -> Result<Vec<Run>, ComparisonError> {
     let mut found = BTreeMap::new();
     for pattern in patterns {
         for run in find(pattern)? {
@@ -220,30 +249,23 @@ pub fn find_all(patterns: &[String]) -> Result<Vec<Run>, ComparisonError> {
 ///
 /// # Errors
 /// When there is none, or one can't be read.
-pub fn find(side: &str) -> Result<Vec<Run>, ComparisonError> {
+pub fn find(side: &Path) -> Result<Vec<Run>, ComparisonError> {
+    let text = || side.display().to_string();
+    let mut found = matching(side).map_err(|error| ComparisonError::Pattern {
+        pattern: text(),
+        error,
+    })?;
+    found.retain(|path| path.is_dir());
+    if found.is_empty() {
+        return Err(ComparisonError::Missing(text()));
+    }
     let mut directories = Vec::new();
     let mut walk = Walk::default();
-    if Path::new(side).is_dir() {
-        descend(&mut walk, Path::new(side), &mut directories)?;
-    } else {
-        let pattern = |error| ComparisonError::Pattern {
-            pattern: side.to_owned(),
-            error,
-        };
-        let mut any = false;
-        for found in glob::glob(side).map_err(pattern)? {
-            let found = found.map_err(|error| unreadable(error.path().to_owned())(error.into()))?;
-            if found.is_dir() {
-                any = true;
-                descend(&mut walk, &found, &mut directories)?;
-            }
-        }
-        if !any {
-            return Err(ComparisonError::Missing(side.to_owned()));
-        }
+    for directory in found {
+        descend(&mut walk, &directory, &mut directories)?;
     }
     if directories.is_empty() {
-        return Err(ComparisonError::NoRun(side.to_owned()));
+        return Err(ComparisonError::NoRun(text()));
     }
     directories.sort();
     directories.iter().map(|run| Run::read(run)).collect()
@@ -292,7 +314,8 @@ type Key = (String, u64);
 /// Pairs the runs of two sides, which are called by `names` in messages.
 ///
 /// # Errors
-/// When two runs of a side have the same task and seed, a run is on both sides, or nothing pairs.
+/// When two runs of a side have the same task and seed, a run is on both sides or was not evaluated once it was trained, or
+/// nothing pairs.
 pub fn pair(sides: [Vec<Run>; 2], names: [&str; 2]) -> Result<Pairs, ComparisonError> {
     let [a, b] = sides;
     let (a, mut b) = (by_key(a, names[0])?, by_key(b, names[1])?);
@@ -314,6 +337,8 @@ pub fn pair(sides: [Vec<Run>; 2], names: [&str; 2]) -> Result<Pairs, ComparisonE
         if is_same(&a.directory, &b.directory) {
             return Err(ComparisonError::Same(a.directory));
         }
+        a.check_trained()?;
+        b.check_trained()?;
         let (task, seed) = key;
         let of_task = pairs.tasks.entry(task).or_default();
         of_task.push(Pair { seed, a, b });

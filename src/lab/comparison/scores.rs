@@ -7,7 +7,6 @@ use super::statistics::{Estimate, average, bootstrap, improvement, iqm, mean, me
 use crate::run::schema::EVAL_CSV;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::Path;
 
 /// Thresholds of the performance profiles that are round, whatever the range.
@@ -126,7 +125,7 @@ fn finals(runs: &[Drawn]) -> Vec<f64> {
 
 /// The scale of each panel, by its title or its task, from a TOML file of `"<task or title>" = [low, high]`.
 fn read_scales(path: &Path, panels: &[Panel]) -> Result<Vec<Scale>, ComparisonError> {
-    let text = fs::read_to_string(path).map_err(unreadable(path.to_owned()))?;
+    let text = crate::core::text::read(path).map_err(unreadable(path.to_owned()))?;
     let table: toml::Table = toml::from_str(&text).map_err(|error| ComparisonError::Settings {
         path: path.to_owned(),
         error: Box::new(error),

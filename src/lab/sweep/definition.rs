@@ -105,7 +105,7 @@ impl Sweep {
     /// When the file is unreadable or not TOML, a key is unknown, a configuration is missing, two runs have one
     /// name, or the settings of a run can't be used.
     pub fn read(path: &Path, changes: &Changes) -> Result<Sweep, SweepError> {
-        let text = std::fs::read_to_string(path).map_err(|error| SweepError::Unreadable {
+        let text = crate::core::text::read(path).map_err(|error| SweepError::Unreadable {
             path: path.to_owned(),
             error,
         })?;

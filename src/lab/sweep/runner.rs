@@ -2,6 +2,7 @@
 
 use super::memory::Budget;
 use super::{PlannedRun, Program, Progress, Standing};
+use crate::core::paths::operand;
 use signal_hook::consts::SIGTERM;
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -169,7 +170,7 @@ fn begin<'a>(
         Standing::Finished => return Err(Ended::Finished),
         Standing::InTheWay(reason) => return Err(Ended::Failed(reason)),
         Standing::Interrupted(step) => {
-            command.arg("--resume").arg(&directory);
+            command.arg("--resume").arg(operand(&directory));
             command.args(["--steps", &run.config.steps.to_string()]);
             if plan.accept_program {
                 command.arg("--force");
@@ -177,12 +178,12 @@ fn begin<'a>(
             step
         }
         Standing::Absent => {
-            command.arg("--config").arg(&run.file);
+            command.arg("--config").arg(operand(&run.file));
             for setting in &run.settings {
                 command.args(["--set", setting]);
             }
             command.args(["--seed", &run.seed.to_string()]);
-            command.arg("--out").arg(&directory);
+            command.arg("--out").arg(operand(&directory));
             0
         }
     };

@@ -1,5 +1,6 @@
 //! An experiment as a job array of Slurm: a batch script, each element of which makes one run.
 
+use crate::core::paths::operand;
 use std::ffi::OsString;
 use std::fmt::{self, Display, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -438,7 +439,10 @@ impl Sbatch {
     /// When sbatch can't be started or refuses the script.
     pub fn submit(&self, script: &Path) -> Result<String, SubmitError> {
         let mut command = Command::new(&self.0);
-        let command = command.arg("--parsable").arg(script).stdin(Stdio::null());
+        let command = command
+            .arg("--parsable")
+            .arg(operand(script))
+            .stdin(Stdio::null());
         // They would have the last word over the script.
         for (name, _) in deciding() {
             command.env_remove(name);

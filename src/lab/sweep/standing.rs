@@ -1,8 +1,8 @@
 //! What became of a run so far, as its directory tells.
 
 use crate::config::{self, Config, Overrides};
-use crate::run::last_row;
 use crate::run::schema::{CONFIG_TOML, Column, EVAL, EVAL_CSV, TIMING, TIMING_CSV, index};
+use crate::run::{RunDirectory, last_row};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -35,7 +35,11 @@ impl Standing {
     pub fn of(directory: &Path, planned: &Config) -> Standing {
         let path = directory.join(CONFIG_TOML);
         if !path.exists() {
-            return Standing::Absent;
+            return match RunDirectory::obstacle(directory) {
+                Ok(None) => Standing::Absent,
+                Ok(Some(reason)) => Standing::InTheWay(reason.to_string()),
+                Err(error) => Standing::InTheWay(format!("{}: {error}", directory.display())),
+            };
         }
         let found = match config::read_resolved(&path, &Overrides::default()) {
             Ok(found) => found,
@@ -53,10 +57,17 @@ impl Standing {
             ));
         }
         match saved_step(directory) {
-            Some(step) if step >= planned.steps => Standing::Finished,
+            Some(step) if step >= planned.steps && is_evaluated(directory, step) => {
+                Standing::Finished
+            }
             step => Standing::Interrupted(step.unwrap_or(0)),
         }
     }
+}
+
+/// Whether the run was evaluated after `step` steps, its last ones, which it is once they are saved.
+fn is_evaluated(directory: &Path, step: u64) -> bool {
+    Progress::of(directory).step >= step
 }
 
 /// Steps that the last checkpoint is after.
@@ -114,6 +125,9 @@ mod tests {
         fs::write(&state, "{\"step\": 40}").unwrap();
         assert_eq!(standing(&planned), Standing::Interrupted(40));
         planned.steps = 40;
+        // Its last evaluation is still to be made.
+        assert_eq!(standing(&planned), Standing::Interrupted(40));
+        fs::write(run.join("eval.csv"), "step,episodes\n40,1\n").unwrap();
         assert_eq!(standing(&planned), Standing::Finished);
         planned.discount = 0.5;
         match standing(&planned) {

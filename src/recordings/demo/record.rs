@@ -1,5 +1,6 @@
 //! Turns the steps of an episode into a recording.
 
+use crate::core::leftovers::Unfinished;
 use std::path::Path;
 
 use crate::env::Inspect;
@@ -55,11 +56,16 @@ impl EpisodeRecorder {
     }
 
     /// Writes `<stem>.npz` and `<stem>.json`, which says besides that the episode was number `episode`
-    /// (from 0) of those with `seed`.
+    /// (from 0) of those with `seed`. Until what is returned is dropped, both go with the process.
     ///
     /// # Errors
     /// If one of the files exists or cannot be written, or there is no step.
-    pub fn save(self, stem: &Path, seed: u64, episode: usize) -> Result<(), WriteError> {
+    pub fn save(
+        self,
+        stem: &Path,
+        seed: u64,
+        episode: usize,
+    ) -> Result<[Unfinished; 2], WriteError> {
         self.recorder
             .with_setting("return", self.episode_return)
             .with_setting("seed", seed)

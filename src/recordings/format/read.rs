@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::archive::Archive;
 use super::error::RecordingError;
 use super::rows::Rows;
+use crate::core::text;
 
 /// The largest number, up or down, that a simulation holds: MuJoCo takes states beyond it for broken.
 pub const LARGEST: f64 = 1e10;
@@ -109,8 +110,8 @@ impl Recording {
     /// If there are none or they name no task.
     pub fn settings(path: &Path) -> Result<Settings, RecordingError> {
         let path = path.with_extension("json");
-        let text = std::fs::read(&path).map_err(|source| RecordingError::io(&path, source))?;
-        serde_json::from_slice(&text).map_err(|source| RecordingError::Settings { path, source })
+        let text = text::read(&path).map_err(|source| RecordingError::io(&path, source))?;
+        serde_json::from_str(&text).map_err(|source| RecordingError::Settings { path, source })
     }
 
     /// Reads the archive `path`, whose settings are `settings`.

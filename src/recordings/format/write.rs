@@ -12,6 +12,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 use super::archive::{Archive, member_of};
 use super::read::Settings;
 use crate::core::files::NewFile;
+use crate::core::leftovers::Unfinished;
 
 /// What keeps a recording from being written.
 #[derive(Debug, thiserror::Error)]
@@ -165,11 +166,11 @@ impl Recorder {
         self.steps[0].rows
     }
 
-    /// Writes `<stem>.npz` and `<stem>.json`; see [`write`].
+    /// Writes `<stem>.npz` and `<stem>.json`; see [`write`()].
     ///
     /// # Errors
-    /// Those of [`write`], and if there is no step or the rows of an array differ in length.
-    pub fn save(&self, stem: &Path) -> Result<(), WriteError> {
+    /// Those of [`write`()], and if there is no step or the rows of an array differ in length.
+    pub fn save(&self, stem: &Path) -> Result<[Unfinished; 2], WriteError> {
         let steps = self.steps();
         if steps == 0 {
             return Err(problem(stem, "action", "is empty"));
@@ -275,7 +276,7 @@ impl Column {
 ///
 /// Each file appears whole, and the archive before the settings that announce it. Members are stored
 /// without compression, and the description says at which byte of the archive each begins, so that a
-/// reader needs to know neither ZIP nor NPY.
+/// reader needs to know neither ZIP nor NPY. Until what is returned is dropped, both go with the process.
 ///
 /// # Errors
 /// If one of the files exists or cannot be written, or a shape does not fit its numbers.
@@ -283,7 +284,7 @@ pub fn write(
     stem: &Path,
     mut settings: Map<String, Value>,
     arrays: &[Array],
-) -> Result<(), WriteError> {
+) -> Result<[Unfinished; 2], WriteError> {
     for (i, array) in arrays.iter().enumerate() {
         check(stem, array, &arrays[..i])?;
     }
@@ -298,12 +299,15 @@ pub fn write(
     let text = format!("{:#}\n", Value::Object(settings));
     fs::write(json.temporary(), text).map_err(failed(&json_path))?;
 
-    npz.keep().map_err(failed(&npz_path))?;
-    json.keep().map_err(|error| {
-        // Half a recording is none.
-        let _ = fs::remove_file(&npz_path);
-        failed(&json_path)(error)
-    })
+    let npz = npz.keep_for_now().map_err(failed(&npz_path))?;
+    match json.keep_for_now() {
+        Ok(json) => Ok([npz, json]),
+        Err(error) => {
+            // Half a recording is none.
+            npz.remove();
+            Err(failed(&json_path)(error))
+        }
+    }
 }
 
 fn check(stem: &Path, array: &Array, earlier: &[Array]) -> Result<(), WriteError> {

@@ -7,21 +7,25 @@ use mujoco_rs::render::Picture;
 
 use super::{Encoder, OutputError, failed, png};
 use crate::core::files::NewFile;
+use crate::core::leftovers::Unfinished;
 
 /// `frame_00001.png` and so on in a directory.
 pub(super) struct Frames {
     directory: PathBuf,
-    /// Whether the directory was made for them.
-    made: bool,
-    written: Vec<PathBuf>,
+    /// The directory, if it was made for them.
+    made: Option<Unfinished>,
+    written: Vec<Unfinished>,
 }
 
 impl Frames {
     /// The pictures of a directory, which is made unless it is there. Other files in it are left alone,
     /// but there must be no pictures of that kind.
     pub(super) fn create(directory: &Path) -> Result<Frames, OutputError> {
-        let made = !directory.is_dir();
-        fs::create_dir_all(directory).map_err(failed(directory))?;
+        let make = || fs::create_dir_all(directory).map_err(failed(directory));
+        let made = match directory.is_dir() {
+            true => None,
+            false => Some(Unfinished::making(make, |()| directory.to_owned())?.1),
+        };
         let frames = Frames {
             directory: directory.to_owned(),
             made,
@@ -43,26 +47,25 @@ impl Encoder for Frames {
         let path = self.directory.join(name);
         let file = NewFile::create(path.clone()).map_err(failed(&path))?;
         png::write(file.temporary(), picture).map_err(failed(&path))?;
-        file.keep().map_err(failed(&path))?;
-        self.written.push(path);
+        let kept = file.keep_for_now().map_err(failed(&path))?;
+        self.written.push(kept);
         Ok(())
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), OutputError> {
         self.written.clear();
-        self.made = false;
+        self.made = None;
         Ok(())
     }
 }
 
 impl Drop for Frames {
     fn drop(&mut self) {
-        for path in &self.written {
-            let _ = fs::remove_file(path);
-        }
-        if self.made {
-            let _ = fs::remove_dir(&self.directory);
-        }
+        let all = self.made.take().into_iter().chain(self.written.drain(..));
+        all.collect::<Vec<_>>()
+            .into_iter()
+            .rev()
+            .for_each(Unfinished::remove);
     }
 }
 

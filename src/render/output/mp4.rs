@@ -1,8 +1,10 @@
 //! MP4 videos, by `ffmpeg`.
 
-use std::io::{self, Read as _, Write as _};
+use std::ffi::OsString;
+use std::io::{self, Read, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
 
 use mujoco_rs::render::Picture;
 
@@ -17,8 +19,36 @@ pub(super) struct Mp4 {
     file: NewFile,
 }
 
+/// Bytes that are kept of what `ffmpeg` says: the last ones, and as many again for a while.
+const KEPT: usize = 1 << 14;
+
 /// A running `ffmpeg`, ended when it is dropped.
-struct Ffmpeg(Child);
+struct Ffmpeg {
+    child: Child,
+    /// Listens to what it says from the first byte on: a full pipe would have it wait for ever, and us with it.
+    listener: Option<JoinHandle<Vec<u8>>>,
+}
+
+/// The end of all that comes from `pipe`.
+fn listen(mut pipe: impl Read) -> Vec<u8> {
+    let mut said = Vec::new();
+    let mut piece = vec![0; KEPT];
+    while let Ok(length @ 1..) = pipe.read(&mut piece) {
+        said.extend_from_slice(&piece[..length]);
+        if said.len() > 2 * KEPT {
+            said.drain(..said.len() - KEPT);
+        }
+    }
+    said
+}
+
+/// `path` as `ffmpeg` takes it for a file, whatever it begins with: options begin with a dash, and names of protocols
+/// end in a colon.
+fn file_url(path: &Path) -> OsString {
+    let mut url = OsString::from("file:");
+    url.push(path);
+    url
+}
 
 impl Mp4 {
     /// Begins a video with a picture every `interval` seconds.
@@ -38,17 +68,21 @@ impl Mp4 {
             .args(["-i", "pipe:0"])
             .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart"])
             .args(["-f", "mp4"])
-            .arg(file.temporary())
+            .arg(file_url(file.temporary()))
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn();
         match child {
-            Ok(child) => Ok(Mp4 {
-                path,
-                ffmpeg: Ffmpeg(child),
-                file,
-            }),
+            Ok(mut child) => {
+                let errors = child.stderr.take();
+                let listener = errors.map(|pipe| std::thread::spawn(move || listen(pipe)));
+                Ok(Mp4 {
+                    path,
+                    ffmpeg: Ffmpeg { child, listener },
+                    file,
+                })
+            }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(OutputError::NoFfmpeg { path })
             }
@@ -62,7 +96,7 @@ impl Mp4 {
 
 impl Encoder for Mp4 {
     fn push(&mut self, picture: &Picture, _: u32) -> Result<(), OutputError> {
-        let written = match &mut self.ffmpeg.0.stdin {
+        let written = match &mut self.ffmpeg.child.stdin {
             Some(pipe) => pipe.write_all(&picture.rgb),
             None => Err(io::ErrorKind::BrokenPipe.into()),
         };
@@ -89,12 +123,11 @@ impl Encoder for Mp4 {
 impl Ffmpeg {
     /// Waits for the end of the video; whether it was made, and what was said.
     fn end(&mut self) -> (bool, String) {
-        drop(self.0.stdin.take());
-        let mut text = Vec::new();
-        if let Some(mut errors) = self.0.stderr.take() {
-            let _ = errors.read_to_end(&mut text);
-        }
-        let made = self.0.wait().is_ok_and(|status| status.success());
+        drop(self.child.stdin.take());
+        let listener = self.listener.take();
+        let text = listener.and_then(|listener| listener.join().ok());
+        let text = text.unwrap_or_default();
+        let made = self.child.wait().is_ok_and(|status| status.success());
         let text = String::from_utf8_lossy(&text);
         let last = text.trim().lines().last().unwrap_or("it says nothing");
         (made, last.to_owned())
@@ -104,7 +137,7 @@ impl Ffmpeg {
 impl Drop for Ffmpeg {
     fn drop(&mut self) {
         // A video that is finished has ended it already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }

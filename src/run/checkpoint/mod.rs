@@ -7,10 +7,10 @@
 
 mod store;
 
-pub(crate) use store::{recover, set_aside, stand, standing, write};
+pub(crate) use store::{recover, remove_all, set_aside, stand, standing, write};
 
 use super::manifest::{MANIFEST, Manifest};
-use super::schema::CONFIG_TOML as CONFIG;
+use super::schema::{CONFIG_TOML as CONFIG, RUN_JSON};
 use crate::config::{self, Config, ConfigError, Overrides};
 use crate::core::files::FileError;
 use crate::nn::{ObservationScaling, WeightError, Weights};
@@ -62,6 +62,13 @@ pub enum CheckpointError {
         .0.display()
     )]
     Missing(PathBuf),
+    /// A run has none.
+    #[error(
+        "{}: this run has no checkpoint: it ended before the first one was saved, or its curves alone were kept; \
+         `mamf train --resume` goes on with it where it has a folder checkpoints/",
+        .0.display()
+    )]
+    NotSaved(PathBuf),
     /// It belongs to another task.
     #[error("{}: checkpoint of task `{found}`, expected `{expected}`", path.display())]
     OtherTask {
@@ -146,7 +153,7 @@ impl Checkpoint {
         }
         if !found.is_dir() {
             // A run that has not saved its first one yet.
-            return Err(CheckpointError::Missing(found));
+            return Err(CheckpointError::NotSaved(path.to_owned()));
         }
         let checkpoint = Checkpoint::load_directory(&found)?;
         let expected = read_config(&path.join(CONFIG))?;
@@ -161,6 +168,9 @@ impl Checkpoint {
             .all(|name| !file(name).exists())
         {
             return Err(CheckpointError::Missing(path.to_owned()));
+        }
+        if file(RUN_JSON).exists() && !file(WEIGHTS).exists() && !file(STATE).exists() {
+            return Err(CheckpointError::NotSaved(path.to_owned()));
         }
         if let Some(name) = [WEIGHTS, CONFIG, STATE]
             .iter()
