@@ -80,7 +80,11 @@ pub(super) fn leave_nothing_behind() -> io::Result<()> {
 
 fn spawn(wait: impl FnOnce() + Send + 'static) -> io::Result<()> {
     let thread = std::thread::Builder::new().name("signals".into());
-    thread.spawn(wait).map(drop)
+    let spawned = thread.spawn(wait);
+    spawned.map(drop).map_err(|error| {
+        let reason = format!("the thread that waits for signals can't be started: {error}");
+        io::Error::new(error.kind(), reason)
+    })
 }
 
 /// Whether this process was started with `signal` ignored.

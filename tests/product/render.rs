@@ -337,6 +337,6 @@ fn mistakes_are_explained_and_write_nothing() {
     refuse(&REACHER, "full", &["frame_00007.png", "exists already"]);
     let camera = [&REACHER[..], &["--camera", "behind"]].concat();
     refuse(&camera, "y.png", &["`behind`", "`above`"]);
-    // A directory that can't be written to.
-    place.refuse(1, &render(&REACHER, "no/where/y.png"), &["no/where/y.png"]);
+    // A directory that is not there.
+    place.refuse(2, &render(&REACHER, "no/where/y.png"), &["no/where/y.png"]);
 }

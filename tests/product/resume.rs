@@ -254,7 +254,7 @@ fn what_cannot_be_resumed_is_refused() {
         fs::remove_dir_all(place.path(&format!("lost/checkpoints/{name}"))).unwrap();
     }
     let parts = [
-        "lost: the curves go to step 200",
+        "lost: the curves go to step 250",
         "due at step 50",
         "bring checkpoints/last",
     ];

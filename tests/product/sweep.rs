@@ -166,7 +166,8 @@ fn failed_runs_are_named_and_the_others_made() {
     assert!(said.contains("failed: small/mamf/seed-0: "), "{said}");
     assert!(said.contains("`discount` is 0.5, not 0.98"), "{said}");
     assert!(said.contains("failed: small/td3/seed-1: "), "{said}");
-    assert!(said.contains("seed-1.log"), "{said}");
+    let way = "in the way is runs/four/small/td3/seed-1";
+    assert!(said.contains(way), "{said}");
 }
 
 #[test]
