@@ -151,7 +151,7 @@ mod tests {
         for iteration in 0..iterations {
             let mut candidates: Vec<Vec<f32>> = Vec::new();
             for n in 0..20 {
-                let mut candidate = vec![0.0; NUMBERS];
+                let mut candidate = Vec::new();
                 let parent = match (iteration, last) {
                     (0, None) => None,
                     (0, Some(last)) => Some(last[2..].to_vec()),
@@ -162,9 +162,9 @@ mod tests {
                         Some(x) => {
                             let change: f64 = rng.random();
                             let z = if change < 0.3 { 0.3 * normal(rng) } else { 0.0 };
-                            candidate[i] = (x + z).clamp(-1.0, 1.0);
+                            candidate.push((x + z).clamp(-1.0, 1.0));
                         }
-                        None => candidate[i] = (0.9 * normal(rng)).clamp(-1.0, 1.0),
+                        None => candidate.push((0.9 * normal(rng)).clamp(-1.0, 1.0)),
                     }
                 }
                 candidates.push(candidate);
