@@ -181,9 +181,9 @@ keys! {
     "demonstrations.return_bound" => flag().or("false").young();
     /// Weight of the actor's imitation of the actions in those rows: of their mean squared error beside
     /// `-mean Q1 / mean |Q1|`. 0 for none.
-    "demonstrations.imitation" => number(0.0, 1e6).or("0.0").of(Concern::ExplorationNoise).young();
+    "demonstrations.imitation" => number(0.0, 1e6).or("0.0").of(Concern::Deterministic).young();
     /// Whether only those actions are imitated that `Q1` prefers to the policy's.
-    "demonstrations.imitation_filter" => flag().or("true").of(Concern::ExplorationNoise).young();
+    "demonstrations.imitation_filter" => flag().or("true").of(Concern::Deterministic).young();
 
     /// Widths of the hidden layers of the dynamics model.
     "model.hidden" => key(Range::Widths).or("[256, 256, 256]").of(Concern::Model).tolerated();

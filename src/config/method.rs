@@ -204,6 +204,8 @@ pub enum Concern {
     Expansion,
     /// Those that have a temperature.
     Temperature,
+    /// Those whose policy is deterministic.
+    Deterministic,
     /// Those that have two critics.
     TwinCritics,
     /// Those that smooth the target policy.
@@ -221,6 +223,7 @@ impl Concern {
             Concern::Imagination => method.addition() == Addition::Imagination,
             Concern::Expansion => method.addition() == Addition::Expansion,
             Concern::Temperature => method.base() == BaseAlgorithm::Sac,
+            Concern::Deterministic => !method.base().is_stochastic(),
             Concern::TwinCritics => method.base().critics() == 2,
             Concern::Smoothing => method.base() == BaseAlgorithm::Td3,
             Concern::ExplorationNoise => method.base() != BaseAlgorithm::Sac,
@@ -235,6 +238,7 @@ impl Concern {
             Concern::Imagination => Some("imagines no other actions"),
             Concern::Expansion => Some("expands no values"),
             Concern::Temperature => Some("has no temperature"),
+            Concern::Deterministic => Some("imitates nothing: its policy is stochastic"),
             Concern::TwinCritics => Some("has one critic"),
             Concern::Smoothing => Some("does not smooth the target policy"),
             Concern::ExplorationNoise => Some("explores by its policy's own noise"),

@@ -1,6 +1,6 @@
 //! What must hold between settings; the range of each stands in the table of keys.
 
-use super::Config;
+use super::{Addition, Config};
 use crate::agent::augment::imagination::OptimisticBias;
 use crate::planning::PlannerMethod;
 
@@ -46,6 +46,14 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         !d.return_bound || d.batch_share > 0.0,
         "demonstrations.return_bound",
         || "false, or a demonstrations.batch_share above 0, whose targets are bounded".into(),
+    )?;
+    require(
+        !d.return_bound || c.method.addition() != Addition::Expansion,
+        "demonstrations.return_bound",
+        || {
+            let method = c.method.name();
+            format!("false, for method `{method}` has targets of its own")
+        },
     )?;
     let p = &c.planner;
     let selects = matches!(p.method, PlannerMethod::Icem | PlannerMethod::Topdm);

@@ -85,16 +85,15 @@ impl Planner {
         let coupling = &self.coupling;
         for i in 0..count {
             let deviation = if i == 0 { 0.0 } else { POLICY_NOISE };
-            let mut choose = |_: usize, obs: &[f32], previous: &[f32]| {
+            let mut choose = |_: usize, obs: &[f32], previous: &[f32], action: &mut [f32]| {
                 let mut noise = vec![0.0; previous.len()];
                 fill_normal(rng, &mut noise);
-                let mut output = policy.output(obs, previous);
+                let output = policy.output(obs, previous);
                 let ranges = coupling.ranges().iter();
-                for ((u, z), range) in output.iter_mut().zip(noise).zip(ranges) {
-                    let unit = (*u - range.middle) / range.half;
-                    *u = (unit + deviation * z).clamp(-1.0, 1.0);
+                for (((a, u), z), range) in action.iter_mut().zip(output).zip(noise).zip(ranges) {
+                    let unit = (u - range.middle) / range.half;
+                    *a = (unit + deviation * z).clamp(-1.0, 1.0);
                 }
-                output
             };
             let worth = self.worth.as_deref().map(|worth| worth as _);
             let (sequence, score) = self.rollouts.follow(origin, &mut choose, worth);

@@ -17,9 +17,7 @@ pub type Value<'a> = &'a (dyn Fn(&[f32], &[f32]) -> f64 + Sync);
 /// depend on how many simulators there are.
 pub struct Rollouts {
     workers: Vec<Worker>,
-    shape: Shape,
-    coupling: Coupling,
-    success_bonus: f64,
+    common: Common,
 }
 
 /// A simulator with its scratch.
@@ -43,8 +41,16 @@ pub struct Origin<'a> {
     pub previous: &'a [f32],
 }
 
-/// Chooses each action of a rollout, `[action_size]` in units of its ranges, from observation and previous action.
-pub(super) type Choose<'a> = &'a mut dyn FnMut(usize, &[f32], &[f32]) -> Vec<f32>;
+/// Writes each action of a rollout, `[action_size]` in units of its ranges, from the number of the step, the observation
+/// and the previous action.
+pub(super) type Choose<'a> = &'a mut dyn FnMut(usize, &[f32], &[f32], &mut [f32]);
+
+/// What all rollouts of a planner have in common.
+struct Common {
+    shape: Shape,
+    coupling: Coupling,
+    success_bonus: f64,
+}
 
 impl Rollouts {
     /// `workers` simulators; each step in which the task succeeds adds `success_bonus` to a score.
@@ -68,9 +74,11 @@ impl Rollouts {
         };
         Rollouts {
             workers: (0..workers).map(worker).collect(),
-            shape,
-            coupling,
-            success_bonus,
+            common: Common {
+                shape,
+                coupling,
+                success_bonus,
+            },
         }
     }
 
@@ -82,8 +90,8 @@ impl Rollouts {
         sequences: &[f32],
         value: Option<Value<'_>>,
     ) -> Vec<f64> {
-        let (shape, coupling, bonus) = (self.shape, &self.coupling, self.success_bonus);
-        let numbers = shape.numbers();
+        let common = &self.common;
+        let (numbers, width) = (common.shape.numbers(), common.shape.action_size);
         let count = sequences.len() / numbers;
         let next = AtomicUsize::new(0);
         let work = |worker: &mut Worker| {
@@ -94,10 +102,10 @@ impl Rollouts {
                     return scores;
                 }
                 let sequence = &sequences[i * numbers..][..numbers];
-                scores.push((
-                    i,
-                    worker.score(origin, sequence, shape, coupling, bonus, value),
-                ));
+                let mut next = |t: usize, _: &[f32], _: &[f32], action: &mut [f32]| {
+                    action.copy_from_slice(&sequence[t * width..][..width]);
+                };
+                scores.push((i, worker.roll(origin, common, &mut next, value)));
             }
         };
         let mut scores = vec![0.0; count];
@@ -114,8 +122,14 @@ impl Rollouts {
         choose: Choose<'_>,
         value: Option<Value<'_>>,
     ) -> (Vec<f32>, f64) {
-        let (shape, coupling, bonus) = (self.shape, &self.coupling, self.success_bonus);
-        self.workers[0].follow(origin, choose, shape, coupling, bonus, value)
+        let width = self.common.shape.action_size;
+        let mut sequence = vec![0.0; self.common.shape.numbers()];
+        let mut keep = |t: usize, obs: &[f32], previous: &[f32], action: &mut [f32]| {
+            choose(t, obs, previous, action);
+            sequence[t * width..][..width].copy_from_slice(action);
+        };
+        let score = self.workers[0].roll(origin, &self.common, &mut keep, value);
+        (sequence, score)
     }
 }
 
@@ -134,67 +148,34 @@ fn each<T: Send>(workers: &mut [Worker], work: &(impl Fn(&mut Worker) -> Vec<T> 
 }
 
 impl Worker {
-    fn score(
+    /// The score of the actions that `choose` writes.
+    fn roll(
         &mut self,
         origin: Origin<'_>,
-        sequence: &[f32],
-        shape: Shape,
-        coupling: &Coupling,
-        bonus: f64,
+        common: &Common,
+        choose: Choose<'_>,
         value: Option<Value<'_>>,
     ) -> f64 {
-        if self.begin(origin) {
+        if self.env.restore(origin.state).is_err() {
             return f64::NEG_INFINITY;
         }
+        self.previous.copy_from_slice(origin.previous);
+        self.single.copy_from_slice(origin.obs);
         let mut sum = 0.0;
-        for u in sequence.chunks_exact(shape.action_size) {
-            self.action.copy_from_slice(u);
-            match self.step(coupling, bonus) {
+        for t in 0..common.shape.horizon {
+            choose(t, &self.single, &self.previous, &mut self.action);
+            match self.step(common) {
                 Stepped::On(reward) => sum += reward,
                 Stepped::Over(reward) => return sum + reward,
                 Stepped::Diverged => return f64::NEG_INFINITY,
             }
         }
-        sum + self.worth(value)
-    }
-
-    fn follow(
-        &mut self,
-        origin: Origin<'_>,
-        choose: Choose<'_>,
-        shape: Shape,
-        coupling: &Coupling,
-        bonus: f64,
-        value: Option<Value<'_>>,
-    ) -> (Vec<f32>, f64) {
-        let mut sequence = vec![0.0; shape.numbers()];
-        if self.begin(origin) {
-            return (sequence, f64::NEG_INFINITY);
-        }
-        self.single.copy_from_slice(origin.obs);
-        let mut sum = 0.0;
-        for (t, u) in sequence.chunks_exact_mut(shape.action_size).enumerate() {
-            u.copy_from_slice(&choose(t, &self.single, &self.previous));
-            self.action.copy_from_slice(u);
-            match self.step(coupling, bonus) {
-                Stepped::On(reward) => sum += reward,
-                Stepped::Over(reward) => return (sequence, sum + reward),
-                Stepped::Diverged => return (sequence, f64::NEG_INFINITY),
-            }
-            self.observe();
-        }
-        let worth = self.worth(value);
-        (sequence, sum + worth)
-    }
-
-    /// Puts the simulator where rollouts begin; whether it can't.
-    fn begin(&mut self, origin: Origin<'_>) -> bool {
-        self.previous.copy_from_slice(origin.previous);
-        self.env.restore(origin.state).is_err()
+        sum + value.map_or(0.0, |value| value(&self.single, &self.previous))
     }
 
     /// Executes what `action` becomes after the one before.
-    fn step(&mut self, coupling: &Coupling, bonus: f64) -> Stepped {
+    fn step(&mut self, common: &Common) -> Stepped {
+        let coupling = &common.coupling;
         outputs_in_place(coupling, &mut self.action);
         coupling.execute_in_place(&mut self.action, &self.previous);
         for (command, action) in self.command.iter_mut().zip(&self.action) {
@@ -202,9 +183,12 @@ impl Worker {
         }
         let step = self.env.step(&self.command, &mut self.observation);
         self.previous.copy_from_slice(&self.action);
+        for (single, x) in self.single.iter_mut().zip(&self.observation) {
+            *single = *x as f32;
+        }
         let reward = step.reward
             + if step.success == Some(true) {
-                bonus
+                common.success_bonus
             } else {
                 0.0
             };
@@ -215,20 +199,6 @@ impl Worker {
         } else {
             Stepped::On(reward)
         }
-    }
-
-    fn observe(&mut self) {
-        for (single, x) in self.single.iter_mut().zip(&self.observation) {
-            *single = *x as f32;
-        }
-    }
-
-    fn worth(&mut self, value: Option<Value<'_>>) -> f64 {
-        let Some(value) = value else {
-            return 0.0;
-        };
-        self.observe();
-        value(&self.single, &self.previous)
     }
 }
 

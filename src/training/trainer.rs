@@ -342,7 +342,10 @@ impl Trainer {
                 } else {
                     self.agent.update(&sample, &self.scaling)
                 };
-                self.sampler.learned(&sample.batch.indices, &update.errors);
+                // Recorded rows, the last ones, are none of the sampler's.
+                let indices = &sample.batch.indices;
+                self.sampler
+                    .learned(indices, &update.errors[..indices.len()]);
                 not_finite = not_finite.or(update.metrics.not_finite());
                 changed |= update.actor_changed;
                 self.interval.count("updates");
