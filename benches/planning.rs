@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use mamf::config::{Config, Method};
 use mamf::core::parallel::with_threads;
 use mamf::core::random::{fill_normal, stream};
 use mamf::core::span::Span;
@@ -62,10 +63,11 @@ impl Case {
                 commands.push(env.ctrl().to_vec());
             }
         }
+        let settings = Config::preset(Method::Td3).planner;
         let make: MakeEnv = Arc::new(move || -> Box<dyn Env> { env::make(id).expect("a task").0 });
         let model = env::model(id).expect("a model");
         Case {
-            rollouts: [1, 2].map(|n| Rollouts::new(&make, n, shape, coupling.clone(), 0.0)),
+            rollouts: [1, 2].map(|n| Rollouts::new(&make, n, shape, coupling.clone(), &settings)),
             bare: Data::new(model).expect("memory"),
             obs: vec![0.0; spec.obs_size],
             previous: vec![0.0; spec.action_size],

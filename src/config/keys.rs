@@ -50,7 +50,7 @@ pub const SECTIONS: &[(&str, &str)] = &[
     ("", "The run as a whole"),
     ("doubled_actions", "Doubled actions (paper, figure 3 c)"),
     ("updates", "How often the networks learn"),
-    ("exploration", "Exploration in several environments"),
+    ("exploration", "How experience is collected"),
     ("networks", "Actor and critics, and their optimiser"),
     ("target_smoothing", "Smoothing of the target policy"),
     ("temperature", "Temperature of SAC"),
@@ -130,6 +130,9 @@ keys! {
     /// Standard deviations of the exploration noise as fractions of half of each action number's range, spread evenly over the
     /// environments in place of `exploration_noise`: environment i of N, from 0, has `low + (high - low) i / (N - 1)`.
     "exploration.spread" => key(Range::Span { most: 10.0 }).or("[]").of(Concern::ExplorationNoise).young();
+    /// Whether training episodes and segments end, as if the task did, where an object has fallen past the hands: what
+    /// follows is worth next to nothing, and takes neither steps nor batches. For hand tasks with a dense reward.
+    "exploration.end_when_dropped" => flag().or("false").young();
 
     /// Widths of the hidden layers of actor and critics.
     "networks.hidden" => key(Range::Widths).or("[256, 256]");
@@ -140,6 +143,9 @@ keys! {
     /// What is done to the critics' hidden layers before the activation: nothing, layer normalisation without
     /// parameters, or division by the mean absolute value.
     "networks.critic_normalisation" => word(&["none", "layer", "average_l1"]).or("\"none\"").young();
+    /// Weight of the mean square of the actor's outputs before they are squashed into the actions' range, beside
+    /// `-mean Q1 / mean |Q1|`: keeps a policy off the ends of the range, where it hardly learns. 0 for none.
+    "networks.saturation_penalty" => number(0.0, 1e6).or("0.0").of(Concern::Deterministic).young();
 
     /// Standard deviation of the target policy's noise, as a fraction of half of each action number's range.
     "target_smoothing.deviation" => number(0.0, 10.0).or("0.2").of(Concern::Smoothing);
@@ -297,6 +303,9 @@ keys! {
     "planner.interpolation" => word(&["zero", "linear", "cubic"]).or("\"cubic\"").of_planner();
     /// What a step in which the goal is reached adds to a sequence's score, beside its reward.
     "planner.success_bonus" => number(0.0, 1e6).or("1.0").of_planner();
+    /// What a sequence's score loses for every step of the horizon that is left when an object has fallen past the hands; the
+    /// sequence ends there. 0: it goes on, and only its rewards count.
+    "planner.drop_cost" => number(0.0, 1e6).or("0.0").of_planner();
     /// Sequences that a checkpoint's policy makes at each control step, as a fraction of `samples`.
     "planner.policy_share" => number(0.0, 1.0).or("0.1").of_planner();
     /// Whether a checkpoint's critics say what comes after the horizon.

@@ -76,6 +76,7 @@ pub struct Updates {
 #[expect(missing_docs, reason = "the table of keys says it")]
 pub struct Exploration {
     pub spread: Vec<f64>,
+    pub end_when_dropped: bool,
 }
 
 /// The replay buffer.

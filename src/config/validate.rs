@@ -2,6 +2,7 @@
 
 use super::{Addition, Config};
 use crate::agent::augment::imagination::OptimisticBias;
+use crate::env;
 use crate::planning::PlannerMethod;
 
 /// A setting that does not go with the others: its dotted key and what would be right.
@@ -82,6 +83,16 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
             },
         )?;
     }
+    require(
+        !c.exploration.end_when_dropped || env::info(&c.task).is_ok_and(|info| info.drops),
+        "exploration.end_when_dropped",
+        || {
+            format!(
+                "false: in {} nothing can be dropped for good at no cost",
+                c.task
+            )
+        },
+    )?;
     let i = &c.imagination;
     let is_value = i.optimism && i.bias == OptimisticBias::Value;
     require(!is_value || c.discount < 1.0, "imagination.bias", || {

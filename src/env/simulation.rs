@@ -251,6 +251,7 @@ impl<T: Task> Env for Simulation<T> {
                 truncated: true,
                 diverged: true,
                 buffer_full,
+                dropped: false,
                 // Of a task that knows success, a failure.
                 success: success.map(|_| false),
             };
@@ -261,6 +262,7 @@ impl<T: Task> Env for Simulation<T> {
             truncated: self.elapsed_steps >= self.spec.max_episode_steps,
             diverged: false,
             buffer_full,
+            dropped: self.task.dropped(&self.data),
             success,
         }
     }

@@ -70,6 +70,8 @@ pub struct Info {
     pub reset: &'static str,
     /// Where the forward reward's velocity is read from an observation.
     pub velocity: Velocity,
+    /// Whether an object can fall out of reach, where rewards are next to nothing for good.
+    pub drops: bool,
     /// Whether the published task's figures are compared relative to their size (forces of thousands
     /// of newtons under an iterative solver) instead of absolutely.
     pub relative: bool,
@@ -179,6 +181,11 @@ pub trait Task: Send {
 
     /// Whether the task ends in this state.
     fn terminated(&self, _data: &Data) -> bool {
+        false
+    }
+
+    /// Whether an object lies out of reach in this state ([`Info::drops`]).
+    fn dropped(&self, _data: &Data) -> bool {
         false
     }
 

@@ -16,6 +16,9 @@ pub struct NetworkSettings {
     pub critic_learning_rate: f64,
     /// What is done to the critics' hidden layers before the activation.
     pub critic_normalisation: Normalisation,
+    /// Weight of the mean square of what the actor's last layer gives before it is squashed, beside
+    /// `-mean Q1 / mean |Q1|`.
+    pub saturation_penalty: f64,
 }
 
 /// Standardisation of observations by running mean and deviation.

@@ -47,10 +47,9 @@ impl Planner {
             action_size,
             episode,
         };
-        let bonus = settings.success_bonus;
         Planner {
             strategy: strategy::of(&settings, shape),
-            rollouts: Rollouts::new(&make_env, workers, shape, coupling.clone(), bonus),
+            rollouts: Rollouts::new(&make_env, workers, shape, coupling.clone(), &settings),
             settings,
             make_env,
             workers,

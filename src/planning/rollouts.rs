@@ -1,6 +1,6 @@
 //! Sequences of actions tried out in the simulator.
 
-use super::Shape;
+use super::{PlannerSettings, Shape};
 use crate::core::parallel::join;
 use crate::nn::Coupling;
 use crate::task::{Env, EnvState};
@@ -50,16 +50,17 @@ struct Common {
     shape: Shape,
     coupling: Coupling,
     success_bonus: f64,
+    drop_cost: f64,
 }
 
 impl Rollouts {
-    /// `workers` simulators; each step in which the task succeeds adds `success_bonus` to a score.
+    /// `workers` simulators, with the bonus and the cost of `settings`.
     pub fn new(
         make_env: &MakeEnv,
         workers: usize,
         shape: Shape,
         coupling: Coupling,
-        success_bonus: f64,
+        settings: &PlannerSettings,
     ) -> Rollouts {
         let worker = |_| {
             let env = make_env();
@@ -77,7 +78,8 @@ impl Rollouts {
             common: Common {
                 shape,
                 coupling,
-                success_bonus,
+                success_bonus: settings.success_bonus,
+                drop_cost: settings.drop_cost,
             },
         }
     }
@@ -167,6 +169,10 @@ impl Worker {
             match self.step(common) {
                 Stepped::On(reward) => sum += reward,
                 Stepped::Over(reward) => return sum + reward,
+                Stepped::Dropped(reward) => {
+                    let left = (common.shape.horizon - 1 - t) as f64;
+                    return sum + reward - common.drop_cost * left;
+                }
                 Stepped::Diverged => return f64::NEG_INFINITY,
             }
         }
@@ -196,6 +202,8 @@ impl Worker {
             Stepped::Diverged
         } else if step.terminated || step.truncated {
             Stepped::Over(reward)
+        } else if step.dropped && common.drop_cost > 0.0 {
+            Stepped::Dropped(reward)
         } else {
             Stepped::On(reward)
         }
@@ -206,6 +214,7 @@ impl Worker {
 enum Stepped {
     On(f64),
     Over(f64),
+    Dropped(f64),
     Diverged,
 }
 

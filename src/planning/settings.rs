@@ -63,6 +63,8 @@ pub struct PlannerSettings {
     pub knots: usize,
     pub interpolation: Interpolation,
     pub success_bonus: f64,
+    /// Cost of each step that is left of the horizon when an object is dropped, which ends the sequence; 0 for neither.
+    pub drop_cost: f64,
     pub policy_share: f64,
     pub terminal_value: bool,
 }

@@ -26,6 +26,8 @@ pub struct Step {
     pub diverged: bool,
     /// A buffer of the simulator was full, so that contacts or constraints were left out of the physics.
     pub buffer_full: bool,
+    /// An object lies out of reach of the hands, so that nothing is to be had from here on. It ends no episode.
+    pub dropped: bool,
     /// Whether the goal is reached now; `None` for a task that knows no success. Success does not end
     /// an episode.
     pub success: Option<bool>,

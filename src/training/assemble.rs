@@ -358,6 +358,7 @@ fn collector(
     demonstrations: Option<Arc<Demonstrations>>,
 ) -> Result<Collector, MakeError> {
     let mut made = Some(first);
+    let ends = config.exploration.end_when_dropped;
     let sources = (0..config.environments).map(|number| {
         // The first one's streams have the names that they have in a run of one environment.
         let seeded = |name: &str| match number {
@@ -371,14 +372,14 @@ fn collector(
         let side = demonstrations.as_ref().map(|set| {
             let settings = &config.demonstrations;
             Ok::<_, MakeError>(Side::new(
-                Episode::new(make_env(config)?, seeded("segment-env")),
+                Episode::new(make_env(config)?, seeded("segment-env"), ends),
                 Arc::clone(set),
                 Segments::new(settings),
                 settings.segment_steps,
                 seeded("segments"),
             ))
         });
-        let main = Episode::new(env, seeded("env"));
+        let main = Episode::new(env, seeded("env"), ends);
         Ok(Source::new(main, side.transpose()?, seeded("exploration")))
     });
     Ok(Collector::new(sources.collect::<Result<_, MakeError>>()?))

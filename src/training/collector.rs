@@ -22,6 +22,8 @@ pub(super) struct Episode {
     previous_action: Vec<f32>,
     episode_return: f64,
     length: u64,
+    /// Whether it ends, as if the task did, where an object is dropped.
+    end_when_dropped: bool,
 }
 
 /// Segments that begin in states of demonstrations or from a reset, in an environment of their own,
@@ -169,8 +171,9 @@ impl CollectorState {
 }
 
 impl Episode {
-    /// An environment whose episodes begin from `rng`; to be reset before use.
-    pub fn new(env: Box<dyn Env>, rng: Stream) -> Episode {
+    /// An environment whose episodes begin from `rng`, and end with the task or, if they `end_when_dropped`, where an
+    /// object falls past the hands; to be reset before use.
+    pub fn new(env: Box<dyn Env>, rng: Stream, end_when_dropped: bool) -> Episode {
         let (obs, action) = (env.spec().obs_size, env.spec().action_size);
         Episode {
             env,
@@ -179,6 +182,7 @@ impl Episode {
             previous_action: vec![0.0; action],
             episode_return: 0.0,
             length: 0,
+            end_when_dropped,
         }
     }
 
@@ -264,8 +268,9 @@ impl Episode {
         let command: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
         let mut observation = vec![0.0; self.obs.len()];
         let outcome = self.env.step(&command, &mut observation);
+        let terminated = outcome.terminated || self.end_when_dropped && outcome.dropped;
         let mut happened = Happened {
-            ended: outcome.terminated || outcome.truncated,
+            ended: terminated || outcome.truncated,
             buffer_full: outcome.buffer_full,
             row: None,
         };
@@ -280,7 +285,7 @@ impl Episode {
             action,
             reward: outcome.reward,
             next_obs,
-            terminated: outcome.terminated,
+            terminated,
             observation,
         };
         if let Some(name) = row.transition().not_finite() {
@@ -595,7 +600,7 @@ mod tests {
             decay: 1.0,
             ..DemonstrationSettings::default()
         };
-        let episode = |name| Episode::new(env::make(TASK).unwrap().0, stream(1, name));
+        let episode = |name| Episode::new(env::make(TASK).unwrap().0, stream(1, name), false);
         let side = Side::new(
             episode("segment-env"),
             Arc::new(demonstrations),
@@ -661,7 +666,7 @@ mod tests {
         let demonstrations = recorded(directory.path());
         let mixed = run(&mut collector(demonstrations, 0.4, 0.3), 2000);
         // The same main environment alone, from the same stream.
-        let episode = Episode::new(env::make(TASK).unwrap().0, stream(1, "env"));
+        let episode = Episode::new(env::make(TASK).unwrap().0, stream(1, "env"), false);
         let main: Vec<_> = mixed.iter().filter(|taken| taken.0).collect();
         let source = Source::new(episode, None, stream(1, "exploration"));
         let alone = run(&mut Collector::new(vec![source]), main.len());
@@ -686,7 +691,7 @@ mod tests {
         let checked = env::make_inspect(id).unwrap();
         let sizes = Sizes::of(checked.spec());
         let demonstrations = Demonstrations::load(fixture, &sizes).unwrap();
-        let mut episode = Episode::new(env::make(id).unwrap().0, stream(2, "segment-env"));
+        let mut episode = Episode::new(env::make(id).unwrap().0, stream(2, "segment-env"), false);
         let recorded = recording.obs.as_ref().unwrap();
         let first = recording.qpos.get(0).unwrap();
         let mut goals: Vec<Vec<f32>> = Vec::new();

@@ -67,6 +67,7 @@ impl Env for Scripted {
             truncated: diverged,
             diverged,
             buffer_full: number == FULL,
+            dropped: false,
             success: None,
         }
     }

@@ -20,6 +20,7 @@ pub struct Deterministic {
     coupling: Coupling,
     smoothing: Option<SmoothingSettings>,
     imitation: Imitation,
+    saturation_penalty: f64,
 }
 
 impl Deterministic {
@@ -32,6 +33,7 @@ impl Deterministic {
             coupling: settings.coupling.clone(),
             smoothing: smooths.then(|| settings.smoothing.clone()),
             imitation: settings.imitation,
+            saturation_penalty: settings.networks.saturation_penalty,
         }
     }
 }
@@ -62,8 +64,9 @@ impl Actor for Deterministic {
         }
     }
 
-    /// On `-mean Q1(s, p, couple(pi(s), p))`, or, where recorded actions are imitated, that over `mean |Q1|` and the
-    /// [imitation](Imitation) of these. The critic's parameters get no gradients.
+    /// On `-mean Q1(s, p, couple(pi(s), p))`, or, where recorded actions are imitated or saturation costs something,
+    /// that over `mean |Q1|`, the [imitation](Imitation) of these and the penalty. The critic's parameters get no
+    /// gradients.
     fn step(&mut self, batch: ActorBatch<'_>, critics: &Critics, metrics: &mut Metrics) {
         let width = batch.observed.len() / batch.rows;
         let sa = batch.previous_action.len() / batch.rows;
@@ -72,7 +75,8 @@ impl Actor for Deterministic {
         let (coupling, imitation) = (&self.coupling, self.imitation);
         let first_recorded = batch.rows - batch.recorded;
         let imitates = imitation.weight > 0.0 && batch.recorded > 0;
-        let scale = if imitates {
+        let penalty = self.saturation_penalty;
+        let scale = if imitates || penalty > 0.0 {
             f64::from(batch.value_scale.max(VALUE_SCALE_FLOOR))
         } else {
             1.0
@@ -85,10 +89,13 @@ impl Actor for Deterministic {
             self.actor.differentiate(|actor| {
                 let observed = rows(batch.observed, width, &range);
                 let previous = rows(batch.previous_action, sa, &range);
-                let output = coupling.output(actor.forward(observed.clone()));
-                let action = coupling.execute(output, previous);
+                let network = actor.forward(observed.clone());
+                let action = coupling.execute(coupling.output(network.clone()), previous);
                 let q = critic.forward(Tensor::cat(vec![observed.clone(), action.clone()], 1));
-                let climb = q.clone().sum() * (-1.0 / (batch.rows as f64 * scale));
+                let mut climb = q.clone().sum() * (-1.0 / (batch.rows as f64 * scale));
+                if penalty > 0.0 {
+                    climb = climb + network.square().sum() * (penalty / (batch.rows * sa) as f64);
+                }
                 let recorded = first_recorded.max(range.start)..range.end;
                 if !imitates || recorded.is_empty() {
                     return climb;

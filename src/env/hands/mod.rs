@@ -33,6 +33,8 @@ pub use scene::{HandScene, PenInertia};
 const HAND_JOINTS: usize = 24;
 /// Control steps for which objects settle in the hands.
 const SETTLING_STEPS: usize = 10;
+/// Height in metres below which an object has fallen past the hands; in no published recording is one below 0.07.
+const DROPPED: f64 = 0.04;
 /// Physics steps of a control step.
 const FRAME_SKIP: usize = 20;
 /// Control steps of an episode.
@@ -172,6 +174,7 @@ fn pen_spin() -> Entry {
         reset: "the pen's position normal with deviation 0.005, then 10 control steps at rest; again \
                 if it fell",
         velocity: Velocity::None,
+        drops: true,
         relative: false,
     };
     Entry {
@@ -200,6 +203,7 @@ fn two_hands(family: &'static Family, object: Object, reward: Reward) -> Entry {
         termination: "never; success (within 1 cm and 0.1 rad of the goal) does not end an episode",
         reset: reset(layout, object),
         velocity: Velocity::None,
+        drops: reward == Reward::Dense,
         relative: false,
     };
     Entry {

@@ -8,7 +8,9 @@ use mujoco_rs::{Data, Model, Object};
 use super::layout::SPIN;
 use super::noise::add_normal;
 use super::pose::{POSE, Quaternion, product, rotation};
-use super::{Command, HAND_JOINTS as HAND, Recorded, SETTLING_STEPS, Stream, Task, forearms};
+use super::{
+    Command, DROPPED, HAND_JOINTS as HAND, Recorded, SETTLING_STEPS, Stream, Task, forearms,
+};
 use crate::task::Rules;
 
 /// The pen's spin, about its own x axis, in `qvel` and in the observation.
@@ -23,8 +25,6 @@ const TARGET_QVEL: Range<usize> = HAND + 6..HAND + 12;
 const TILT_WEIGHT: f64 = 15.0;
 /// Distance of the end sites, in metres.
 const LENGTH: f64 = 0.2;
-/// Height below which the pen has fallen through the fingers at the start.
-const LOWEST_START: f64 = 0.04;
 /// Deviation of the pen's first position, in metres.
 const START_DEVIATION: f64 = 0.005;
 
@@ -63,7 +63,11 @@ impl Task for PenSpin {
     }
 
     fn accepts(&self, data: &Data) -> bool {
-        data.qpos()[HAND + 2] > LOWEST_START
+        !self.dropped(data)
+    }
+
+    fn dropped(&self, data: &Data) -> bool {
+        data.qpos()[HAND + 2] <= DROPPED
     }
 
     fn carry(&self, _: &Data) -> [f64; 0] {

@@ -9,7 +9,7 @@ use super::layout::{Beginning, Layout, POISED, Region};
 use super::noise::uniform;
 use super::pose::{POSE, distance, product, random_rotation};
 use super::scene::Object;
-use super::{Command, HAND_JOINTS, Recorded, SETTLING_STEPS, Stream, Task, forearms};
+use super::{Command, DROPPED, HAND_JOINTS, Recorded, SETTLING_STEPS, Stream, Task, forearms};
 use crate::task::Rules;
 
 /// Joints of a moving mount.
@@ -288,6 +288,11 @@ impl Task for TwoHands {
 
     fn reward(&self, _: &[f64; 0], _: &[f64; 0], data: &Data, _: &[f64]) -> f64 {
         reward_of(self.reward, self.layout, self.poses(data))
+    }
+
+    fn dropped(&self, data: &Data) -> bool {
+        let mut poses = self.poses(data);
+        poses.any(|(object, _)| object[2] <= DROPPED)
     }
 
     fn success(&self, data: &Data) -> Option<bool> {

@@ -40,6 +40,7 @@ impl Locomotion for Ant {
         termination: "when height is outside [0.2, 1] or a number is not finite",
         reset: "positions uniform +-0.1 (quaternion included), velocities normal with deviation 0.1",
         velocity: Velocity::Index(13),
+        drops: false,
         relative: false,
     };
 

@@ -35,6 +35,7 @@ impl Locomotion for HalfCheetah {
         termination: "never",
         reset: "positions uniform +-0.1, velocities normal with deviation 0.1",
         velocity: Velocity::Index(8),
+        drops: false,
         relative: false,
     };
 

@@ -42,6 +42,7 @@ impl Locomotion for Hopper {
         termination: "unless height > 0.7, |pitch| < 0.2 and all other numbers are within +-100",
         reset: "positions and velocities uniform +-0.005",
         velocity: Velocity::Index(5),
+        drops: false,
         relative: false,
     };
 

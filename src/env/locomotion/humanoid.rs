@@ -68,6 +68,7 @@ impl Locomotion for Humanoid {
         velocity: Velocity::Computed(
             "that of the centre of mass, from the inertias and velocities of the bodies",
         ),
+        drops: false,
         relative: true,
     };
 

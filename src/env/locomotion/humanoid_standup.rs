@@ -33,6 +33,7 @@ impl Locomotion for HumanoidStandup {
         termination: "never",
         reset: "positions (quaternion included) and velocities uniform +-0.01",
         velocity: Velocity::None,
+        drops: false,
         relative: true,
     };
 

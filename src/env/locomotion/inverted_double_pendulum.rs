@@ -44,6 +44,7 @@ impl Locomotion for InvertedDoublePendulum {
         termination: "when the tip's z <= 1",
         reset: "positions uniform +-0.1, velocities normal with deviation 0.1",
         velocity: Velocity::None,
+        drops: false,
         relative: false,
     };
 

@@ -30,6 +30,7 @@ impl Locomotion for InvertedPendulum {
         termination: "when |angle| > 0.2 or a number is not finite",
         reset: "positions and velocities uniform +-0.01",
         velocity: Velocity::None,
+        drops: false,
         relative: false,
     };
 

@@ -42,6 +42,7 @@ impl Locomotion for Pusher {
         reset: "arm at rest with velocities uniform +-0.005; the puck's shift from the goal uniform \
                 in [-0.3, 0] x [-0.2, 0.2] outside the disc of radius 0.17",
         velocity: Velocity::None,
+        drops: false,
         relative: false,
     };
 

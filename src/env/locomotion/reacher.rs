@@ -39,6 +39,7 @@ impl Locomotion for Reacher {
         reset: "joint angles uniform +-0.1, their velocities uniform +-0.005, target uniform in \
                 the disc of radius 0.2",
         velocity: Velocity::None,
+        drops: false,
         relative: false,
     };
 

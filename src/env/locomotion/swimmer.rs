@@ -32,6 +32,7 @@ impl Locomotion for Swimmer {
         termination: "never",
         reset: "positions and velocities uniform +-0.1",
         velocity: Velocity::Index(3),
+        drops: false,
         relative: false,
     };
 

@@ -43,6 +43,7 @@ impl Locomotion for Walker2d {
         termination: "unless 0.8 < height < 2 and |pitch| < 1",
         reset: "positions and velocities uniform +-0.005",
         velocity: Velocity::Index(8),
+        drops: false,
         relative: false,
     };
 
