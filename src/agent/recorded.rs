@@ -31,6 +31,14 @@ impl Recorded {
         }
     }
 
+    /// Adds those of `more`, of the same task and settings.
+    pub fn add(&mut self, more: Recorded) {
+        self.transitions.append(&more.transitions);
+        if let (Some(attained), Some(more)) = (&mut self.attained, more.attained) {
+            attained.extend(more);
+        }
+    }
+
     /// How many of `rows` they are.
     pub fn part_of(&self, rows: usize) -> usize {
         (self.share * rows as f64).round() as usize

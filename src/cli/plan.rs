@@ -90,6 +90,8 @@ impl Keep {
 struct Watcher {
     camera: Camera,
     bar: ProgressBar,
+    /// Whether what follows a drop is not worth planning.
+    ends_when_dropped: bool,
 }
 
 /// The recording of an episode, and its rewards so far.
@@ -122,6 +124,10 @@ impl Watch for Watcher {
         self.bar.inc(1);
         self.bar
             .set_message(format!("return so far {:.1}", seen.episode_return));
+    }
+
+    fn ends(&self, step: &Step) -> bool {
+        step.terminated || step.truncated || self.ends_when_dropped && step.dropped
     }
 }
 
@@ -169,6 +175,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let watcher = Watcher {
         camera: Camera { source },
         bar,
+        ends_when_dropped: config.planner.drop_cost > 0.0,
     };
     let keep = args.keep;
     with_threads(

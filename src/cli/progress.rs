@@ -17,7 +17,8 @@ pub(super) struct Progress {
 /// A bar of things that are made one by one, drawn on standard error when that is a terminal. Its
 /// length grows as more are known to come.
 pub(super) fn bar(things: &str) -> ProgressBar {
-    let template = format!("{{wide_bar}} {{human_pos}}/{{human_len}} {things}  {{eta}} left");
+    let template =
+        format!("{{wide_bar}} {{human_pos}}/{{human_len}} {things}  {{eta}} left  {{msg}}");
     let style = ProgressStyle::with_template(&template);
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::with_draw_target(Some(0), target()).with_style(style)

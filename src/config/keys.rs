@@ -68,7 +68,10 @@ pub const SECTIONS: &[(&str, &str)] = &[
     ("telemetry", "What evaluations measure besides returns"),
     ("video", "Videos of the policy"),
     ("checkpoint", "Checkpoints in the run directory"),
-    ("planner", "Planning in the simulator (`mamf plan`)"),
+    (
+        "planner",
+        "Planning in the simulator: `mamf plan`, and guided exploration in training",
+    ),
     (
         "compute",
         "Where and with how many threads tensors are computed",
@@ -303,9 +306,13 @@ keys! {
     "planner.interpolation" => word(&["zero", "linear", "cubic"]).or("\"cubic\"").of_planner();
     /// What a step in which the goal is reached adds to a sequence's score, beside its reward.
     "planner.success_bonus" => number(0.0, 1e6).or("1.0").of_planner();
-    /// What a sequence's score loses for every step of the horizon that is left when an object has fallen past the hands; the
-    /// sequence ends there. 0: it goes on, and only its rewards count.
+    /// What a sequence's score loses for every step of the horizon that is left when an object has fallen past the hands. The
+    /// sequence ends there, and so does a planned episode. 0: both go on, and only rewards count.
     "planner.drop_cost" => number(0.0, 1e6).or("0.0").of_planner();
+    /// Environment steps of phase 2 between two episodes that the planner makes in training, with the policy's proposals and
+    /// the critics' values: each is recorded in the run's directory and joins the demonstrations. Neither its steps nor those
+    /// tried out count as environment steps. 0 for none.
+    "planner.every" => whole(0, LARGEST).or("0").of_planner();
     /// Sequences that a checkpoint's policy makes at each control step, as a fraction of `samples`.
     "planner.policy_share" => number(0.0, 1.0).or("0.1").of_planner();
     /// Whether a checkpoint's critics say what comes after the horizon.
@@ -389,7 +396,7 @@ impl Key {
 
     /// No figure of training depends on it.
     const fn of_planner(self) -> Key {
-        self.young().on_resume(Resume::Free)
+        self.young()
     }
 
     const fn young(self) -> Key {

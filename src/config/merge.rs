@@ -85,14 +85,17 @@ pub fn parse(text: &str, path: &Path, overrides: &Overrides) -> Result<Config, C
 }
 
 /// Reads the configuration of a run, which must hold every key, but for those that are younger than the run: nothing
-/// is filled in. Then applies `overrides`.
+/// is filled in. What it says of keys that its method has no use for is the preset of the program that made it, and
+/// means nothing. Then applies `overrides`.
 ///
 /// # Errors
 /// As [`read`], and when a key is missing.
 pub fn read_resolved(path: &Path, overrides: &Overrides) -> Result<Config, ConfigError> {
     let text = contents(path)?;
     let there = given(&text, path, &Overrides::default())?.values;
-    let config = parse(&text, path, overrides)?;
+    let mut said = given(&text, path, overrides)?;
+    said.forget_unused();
+    let config = said.resolve(Source::File(path.to_owned()))?;
     let is_missing = |name: &String| {
         let may_be = keys::find(name).is_some_and(|key| key.is_young);
         !may_be && !there.contains_key(name)
@@ -176,6 +179,16 @@ impl Given {
         let key = key.to_owned();
         self.values.insert(key, (source.clone(), value));
         Ok(())
+    }
+
+    /// Forgets what a file says of keys that the method it names has no use for.
+    fn forget_unused(&mut self) {
+        if let Some(method) = self.method_of_file.as_ref().and_then(method_of) {
+            self.values.retain(|name, (source, _)| {
+                let is_used = |key: &Key| key.refusal(method).is_none();
+                !is_of_file(source) || keys::find(name).is_none_or(is_used)
+            });
+        }
     }
 
     fn resolve(self, file: Source) -> Result<Config, ConfigError> {

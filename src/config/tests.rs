@@ -187,6 +187,19 @@ fn the_configuration_of_a_run_must_hold_every_key() {
 }
 
 #[test]
+fn what_a_run_says_of_keys_without_a_use_is_another_programs_preset() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("config.toml");
+    let config = load("task = \"Hopper-v4\"\nmethod = \"td3\"", &[]).unwrap();
+    let text = config.to_toml();
+    let others = text.replace("\"batch\"", "\"kept\"");
+    assert_ne!(others, text);
+    std::fs::write(&path, &others).unwrap();
+    assert_eq!(read_resolved(&path, &Overrides::default()).unwrap(), config);
+    assert!(message(&others, &[]).contains("imagination.imaginary_loss_mean"));
+}
+
+#[test]
 fn unknown_keys_name_the_nearest_one() {
     let m = message("task = \"Hopper-v4\"\nbatchsize = 3", &[]);
     assert!(

@@ -32,9 +32,13 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         "demonstrations.path",
         || "empty, for recorded actions are not doubled (doubled_actions)".into(),
     )?;
-    let named = |name: &str| format!("0, or recordings in demonstrations.path ({name})");
+    let named = |name: &str| {
+        format!(
+            "0, or recordings in demonstrations.path ({name}) or of the planner (planner.every)"
+        )
+    };
     require(
-        d.batch_share == 0.0 || !d.path.is_empty(),
+        d.batch_share == 0.0 || !d.path.is_empty() || c.planner.every > 0,
         "demonstrations.batch_share",
         || named("it is empty"),
     )?;
@@ -57,6 +61,11 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         },
     )?;
     let p = &c.planner;
+    require(
+        p.every == 0 || c.doubled_actions.is_none(),
+        "planner.every",
+        || "0, for recorded actions are not doubled (doubled_actions)".into(),
+    )?;
     let selects = matches!(p.method, PlannerMethod::Icem | PlannerMethod::Topdm);
     require(!selects || p.elites <= p.samples, "planner.elites", || {
         format!("at most planner.samples ({})", p.samples)

@@ -118,9 +118,8 @@ impl Sizes<'_> {
 }
 
 /// Recorded trajectories of one task, from whose states training segments begin.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Demonstrations {
-    /// At least one.
     trajectories: Vec<Demonstration>,
 }
 
@@ -191,7 +190,28 @@ impl Demonstrations {
         }
     }
 
-    /// Number of trajectories; at least 1.
+    /// These, and `more` after them.
+    #[must_use]
+    pub fn with(&self, more: Demonstrations) -> Demonstrations {
+        let mut trajectories = self.trajectories.clone();
+        trajectories.extend(more.trajectories);
+        Demonstrations { trajectories }
+    }
+
+    /// The last one alone.
+    #[must_use]
+    pub fn last(&self) -> Demonstrations {
+        Demonstrations {
+            trajectories: self.trajectories.last().cloned().into_iter().collect(),
+        }
+    }
+
+    /// Whether there are none, so that none can be drawn.
+    pub fn is_empty(&self) -> bool {
+        self.trajectories.is_empty()
+    }
+
+    /// Number of trajectories.
     pub fn trajectories(&self) -> usize {
         self.trajectories.len()
     }
@@ -248,7 +268,7 @@ impl Demonstrations {
             .map(|(_, state)| state)
     }
 
-    /// A uniformly random one of the states that precede an action, of a uniformly random trajectory.
+    /// A uniformly random one of the states that precede an action, of a uniformly random trajectory, of which there must be one.
     pub fn draw(&self, rng: &mut Stream) -> DemonstrationState<'_> {
         let trajectory = &self.trajectories[rng.random_range(0..self.trajectories.len())];
         let t = rng.random_range(0..trajectory.action.rows());

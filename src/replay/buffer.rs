@@ -86,6 +86,12 @@ impl ReplayBuffer {
         }
     }
 
+    /// Adds all transitions of `more`, which is of the same sizes, and makes room for them: none is overwritten.
+    pub fn append(&mut self, more: &ReplayBuffer) {
+        self.capacity = self.len() + more.len();
+        self.push_rows(&more.rows);
+    }
+
     /// Numbers a transition of these sizes takes.
     pub fn row_width(obs_size: usize, action_size: usize) -> usize {
         2 * obs_size + 2 * action_size + 2

@@ -211,6 +211,8 @@ pub struct TimingRow {
     pub evaluation_seconds: f64,
     /// Of the seconds, saving.
     pub checkpoint_seconds: f64,
+    /// Of the seconds, planning.
+    pub planning_seconds: f64,
 }
 
 /// The three files. Each row is written at once, so that a crash costs no row that was there.

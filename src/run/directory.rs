@@ -215,21 +215,29 @@ impl RunDirectory {
         self.remove_videos()?;
         checkpoint::remove_all(&self.files, &self.checkpoints())?;
         ReplayLog::remove(&self.files, &self.replay())?;
+        self.remove_planned()?;
         self.files.create_dir(&self.checkpoints())
     }
 
     fn remove_videos(&self) -> Result<(), FileError> {
-        let videos = self.path.join("videos");
-        let entries = std::fs::read_dir(&videos).into_iter().flatten().flatten();
+        self.remove_made(&self.path.join("videos"), "step_", &[".gif", ".tmp"])
+    }
+
+    fn remove_planned(&self) -> Result<(), FileError> {
+        self.remove_made(&self.planned(), "episode_", &[".npz", ".json", ".tmp"])
+    }
+
+    /// Removes from `folder` what a run made there, and then the folder unless something else lies in it.
+    fn remove_made(&self, folder: &Path, begins: &str, ends: &[&str]) -> Result<(), FileError> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         let ours = |path: &PathBuf| {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            name.starts_with("step_") && (name.ends_with(".gif") || name.ends_with(".tmp"))
+            name.starts_with(begins) && ends.iter().any(|end| name.ends_with(end))
         };
         for path in entries.map(|entry| entry.path()).filter(ours) {
             self.files.remove(&path)?;
         }
-        // Unless something else lies there.
-        let _ = std::fs::remove_dir(&videos);
+        let _ = std::fs::remove_dir(folder);
         Ok(())
     }
 
@@ -261,6 +269,11 @@ impl RunDirectory {
     /// The checkpoint called `name`: `last`, `previous` or `best`.
     pub fn checkpoint(&self, name: &str) -> PathBuf {
         self.checkpoints().join(name)
+    }
+
+    /// Where episodes are recorded that the planner makes.
+    pub fn planned(&self) -> PathBuf {
+        self.path.join("planned")
     }
 
     /// Where the replay buffer is saved.

@@ -82,7 +82,7 @@ pub const EVAL: [Column; 10] = [
 ];
 
 /// The columns of `train.csv`.
-pub const TRAIN: [Column; 30] = [
+pub const TRAIN: [Column; 32] = [
     column("step", Of::Step, "environment steps taken"),
     column(
         "episodes",
@@ -194,10 +194,20 @@ pub const TRAIN: [Column; 30] = [
     column("recorded_reward_30", Of::Last, "the same in steps 16 to 30"),
     column("recorded_reward_60", Of::Last, "the same in steps 31 to 60"),
     column("buffers_full", Of::Count, BUFFERS_FULL),
+    column(
+        "planned_return",
+        Of::Mean,
+        "return of episodes that the planner made (`planner.every`)",
+    ),
+    column(
+        "planned_length",
+        Of::Mean,
+        "their length, in steps, up to a drop",
+    ),
 ];
 
 /// The columns of `timing.csv`: seconds of wall clock since the row before.
-pub const TIMING: [Column; 7] = [
+pub const TIMING: [Column; 8] = [
     column("step", Of::Step, "environment steps taken"),
     column("seconds", Of::Last, "seconds since the row before"),
     column("steps_per_second", Of::Last, "environment steps a second"),
@@ -209,6 +219,11 @@ pub const TIMING: [Column; 7] = [
     column("update_seconds", Of::Last, "of those, learning"),
     column("evaluation_seconds", Of::Last, "of those, evaluating"),
     column("checkpoint_seconds", Of::Last, "of those, saving"),
+    column(
+        "planning_seconds",
+        Of::Last,
+        "of those, planning (`planner.every`)",
+    ),
 ];
 
 /// The names of `columns`, as in a header.

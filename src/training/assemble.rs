@@ -2,6 +2,7 @@
 
 use super::clock::Clock;
 use super::collector::{Collector, Episode, Side, Source};
+use super::guidance::Guidance;
 use super::metrics::Interval;
 use super::rehearsal::{Following, recorded};
 use super::segments::Segments;
@@ -133,20 +134,30 @@ pub fn learned(
     if !settings.terminal_value {
         return Ok((policy, None));
     }
-    let config = &checkpoint.config;
-    let device = config.compute.backend.device();
-    let load = |weights: &Weights| {
-        let agent = agent_settings(config, spec);
-        let (obs_size, action_size) = (spec.obs_size, spec.action_size);
-        let core = ActorCritic::load(agent, obs_size, action_size, weights, &device)?;
-        Ok((core, ObservationScaling::load(obs_size, weights)?))
-    };
-    let loaded = load(checkpoint.weights()).map_err(|error| checkpoint.misfit(error))?;
-    let worth: Worth = Arc::new(move |obs: &[f32], previous: &[f32]| {
-        let (core, scaling) = &loaded;
-        f64::from(core.value(obs, previous, scaling)[0])
-    });
+    let weights = checkpoint.weights();
+    let scaling = ObservationScaling::load(spec.obs_size, weights);
+    let worth = scaling.and_then(|scaling| worth(&checkpoint.config, spec, weights, scaling));
+    let worth = worth.map_err(|error| checkpoint.misfit(error))?;
     Ok((policy, Some(worth)))
+}
+
+/// What the critics in `weights` say of states of the task `spec`, under `scaling` and the policy there.
+///
+/// # Errors
+/// When the arrays do not fit the task and the configuration.
+pub(super) fn worth(
+    config: &Config,
+    spec: &Spec,
+    weights: &Weights,
+    scaling: ObservationScaling,
+) -> Result<Worth, WeightError> {
+    let device = config.compute.backend.device();
+    let (obs_size, action_size) = (spec.obs_size, spec.action_size);
+    let agent = agent_settings(config, spec);
+    let core = ActorCritic::load(agent, obs_size, action_size, weights, &device)?;
+    Ok(Arc::new(move |obs: &[f32], previous: &[f32]| {
+        f64::from(core.value(obs, previous, &scaling)[0])
+    }))
 }
 
 impl Trainer {
@@ -207,11 +218,14 @@ impl Trainer {
         let obs_size = env.spec().obs_size;
         let found = demonstrations.as_ref();
         let found = found.map(|set| [set.trajectories(), set.states()]);
-        let demonstrations = demonstrations.map(Arc::new);
+        // What the planner makes joins them, even where there are none yet.
+        let guided = (config.planner.every > 0).then(Demonstrations::default);
+        let demonstrations = demonstrations.or(guided).map(Arc::new);
         Ok(Trainer {
             step: 0,
             largest_reward: f64::NEG_INFINITY,
             following: Following::new(&config, demonstrations.as_ref())?,
+            guidance: Guidance::new(&config, demonstrations.as_ref())?,
             collector: collector(&config, env, demonstrations)?,
             demonstrations: found,
             probing: probing(&config, agent.augment.can_probe())?,

@@ -13,6 +13,7 @@ pub(super) struct Clock {
     pub environment: Duration,
     pub update: Duration,
     pub checkpoint: Duration,
+    pub planning: Duration,
 }
 
 /// What passed since the last row of `timing.csv`, to go on from.
@@ -23,6 +24,7 @@ pub(super) struct ClockState {
     environment: Duration,
     update: Duration,
     checkpoint: Duration,
+    planning: Duration,
 }
 
 impl Clock {
@@ -35,6 +37,7 @@ impl Clock {
             environment: Duration::ZERO,
             update: Duration::ZERO,
             checkpoint: Duration::ZERO,
+            planning: Duration::ZERO,
         }
     }
 
@@ -46,6 +49,7 @@ impl Clock {
             environment: self.environment,
             update: self.update,
             checkpoint: self.checkpoint,
+            planning: self.planning,
         }
     }
 
@@ -58,6 +62,7 @@ impl Clock {
             environment: state.environment,
             update: state.update,
             checkpoint: state.checkpoint,
+            planning: state.planning,
         }
     }
 
@@ -81,6 +86,7 @@ impl Clock {
             update_seconds: self.update.as_secs_f64(),
             evaluation_seconds: evaluation.as_secs_f64(),
             checkpoint_seconds: self.checkpoint.as_secs_f64(),
+            planning_seconds: self.planning.as_secs_f64(),
         }
     }
 }

@@ -325,6 +325,9 @@ impl Side {
         self.in_main = start == SegmentStart::Continue;
         match start {
             SegmentStart::Continue => None,
+            SegmentStart::Demonstration if self.demonstrations.is_empty() => {
+                Some(self.episode.reset())
+            }
             SegmentStart::Reset => Some(self.episode.reset()),
             SegmentStart::Demonstration => Some(self.episode.start_in(&self.demonstrations)),
         }
@@ -477,6 +480,13 @@ impl Collector {
     /// Sizes, ranges and limits of the task.
     pub fn spec(&self) -> &Spec {
         self.sources[0].main.env.spec()
+    }
+
+    /// Has segments begin in states of `demonstrations` from the next one on.
+    pub fn set_demonstrations(&mut self, demonstrations: &Arc<Demonstrations>) {
+        for side in self.sources.iter_mut().filter_map(|s| s.side.as_mut()) {
+            side.demonstrations = Arc::clone(demonstrations);
+        }
     }
 
     /// Begins a new main episode, and a new segment, of every source.

@@ -4,6 +4,7 @@ use crate::config::ConfigError;
 use crate::core::files::FileError;
 use crate::env::MakeError;
 use crate::recordings::DemonstrationError;
+use crate::recordings::format::WriteError;
 use crate::run::{CheckpointError, DiskError, NotEnoughMemory, ReplayMemory, RunDirectoryError};
 use std::collections::TryReserveError;
 use std::io::ErrorKind;
@@ -39,6 +40,14 @@ pub enum TrainError {
         error: DemonstrationError,
         /// The working directory, where they were not found and their path is relative to it.
         base: Option<PathBuf>,
+    },
+    /// An episode that the planner made can't be recorded.
+    #[error("{}: {error}", stem.display())]
+    Planned {
+        /// Its files, without their endings.
+        stem: PathBuf,
+        /// Why not; part of the message, and hence no source of it.
+        error: WriteError,
     },
     /// A file of the run directory can't be written.
     #[error(transparent)]

@@ -119,6 +119,11 @@ pub trait Watch: Sync {
         step: &Step,
         observation: &[f64],
     );
+
+    /// Whether this outcome is the episode's last: the end of the task, unless the watcher has seen enough before.
+    fn ends(&self, step: &Step) -> bool {
+        step.terminated || step.truncated
+    }
 }
 
 /// Nobody looks on.
@@ -219,7 +224,7 @@ impl Evaluator {
 }
 
 /// One episode; `rng` draws its beginning, and what the controller leaves to chance.
-fn run_episode<W: Watch>(
+pub(super) fn run_episode<W: Watch>(
     env: &mut dyn Inspect,
     controller: &mut dyn Controller,
     rng: &mut Stream,
@@ -259,7 +264,7 @@ fn run_episode<W: Watch>(
         }
         // A simulation that blew up has not succeeded, whatever it did before.
         result.success = outcome.success.or(result.success.map(|_| false));
-        if outcome.terminated || outcome.truncated {
+        if watch.ends(&outcome) {
             return (result, seen);
         }
     }

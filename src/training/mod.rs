@@ -5,6 +5,7 @@ mod clock;
 mod collector;
 mod error;
 mod evaluation;
+mod guidance;
 mod metrics;
 mod plan;
 mod rehearsal;

@@ -2,7 +2,7 @@
 //! learn from, and their states show what the policy makes of them.
 
 use super::assemble::make_env;
-use crate::agent::{Controller, Moment, Recorded};
+use crate::agent::{Agent, Controller, Moment, Recorded};
 use crate::config::Config;
 use crate::core::random::stream;
 use crate::env::Inspect;
@@ -27,6 +27,7 @@ pub(super) fn recorded(
         return Ok(None);
     };
     let mut env = make_env(config)?;
+    let ends = config.exploration.end_when_dropped;
     let mut rng = stream(config.seed, "recorded-goals");
     let (obs_size, action_size) = (env.spec().obs_size, env.spec().action_size);
     let at_rest = vec![0.0; action_size];
@@ -58,7 +59,7 @@ pub(super) fn recorded(
                 action: &action,
                 reward: step.reward as f32,
                 next_obs: &next_obs,
-                terminated: step.terminated,
+                terminated: step.terminated || ends && step.dropped,
                 previous_action: &previous_action,
             };
             if !step.diverged && transition.not_finite().is_none() {
@@ -78,6 +79,25 @@ pub(super) fn recorded(
     let bound = config.demonstrations.return_bound.then_some(attained);
     let some = !transitions.is_empty();
     Ok(some.then(|| Recorded::new(transitions, bound, share, config.seed)))
+}
+
+/// Has the last one of `demonstrations`, which is new, join what is added to each batch of `agent`.
+///
+/// # Errors
+/// When MuJoCo can't run the task.
+pub(super) fn rehearse(
+    config: &Config,
+    demonstrations: &Demonstrations,
+    agent: &mut Agent,
+) -> Result<(), MakeError> {
+    let Some(more) = recorded(config, Some(&demonstrations.last()))? else {
+        return Ok(());
+    };
+    match &mut agent.recorded {
+        Some(recorded) => recorded.add(more),
+        none => *none = Some(more),
+    }
+    Ok(())
 }
 
 /// Steps of the phases that [`Following`] tells of, each up to the last one: the first from 1 on.

@@ -6,6 +6,7 @@ use super::assemble::{
 };
 use super::clock::{Clock, ClockState};
 use super::collector::CollectorState;
+use super::guidance::{Guidance, GuidanceState};
 use super::metrics::Interval;
 use super::rehearsal::recorded;
 use super::telemetry::Reservoir;
@@ -52,6 +53,7 @@ struct TrainerState {
     evaluation: Stream,
     collector: CollectorState,
     reservoir: Option<Reservoir>,
+    guidance: Option<GuidanceState>,
     interval: Interval,
     clock: ClockState,
 }
@@ -183,6 +185,7 @@ impl Trainer {
             evaluation: self.evaluator.stream().clone(),
             collector: self.collector.snapshot(),
             reservoir: self.probing.as_ref().map(|p| p.reservoir.clone()),
+            guidance: self.guidance.as_ref().map(Guidance::snapshot),
             interval: self.interval.clone(),
             clock: self.clock.state(),
         }
@@ -267,6 +270,9 @@ impl Trainer {
         }
         self.log.trim(files, self.replay.width())?;
         self.curves.cut(sealed)?;
+        if let Some(guidance) = &self.guidance {
+            guidance.forget_later(&self.directory)?;
+        }
         self.evaluated = evaluated(self.directory.path());
         self.directory.write(CONFIG_TOML, &self.config.to_toml())?;
         let json = fs::read_to_string(self.directory.path().join(RUN_JSON)).unwrap_or_default();
@@ -488,15 +494,31 @@ impl Point {
         let scaling = ObservationScaling::load(obs_size, weights).map_err(misfit)?;
         let mut agent = saved_agent(&config, env.spec(), rules, weights).map_err(misfit)?;
         agent.recorded = recorded(&config, set.as_ref())?;
-        let restored = agent.restore(&learning);
-        restored.map_err(|error| damage(OPTIMIZERS, error.to_string()))?;
-
         let then = state.collector.demonstrations();
-        if then != set.as_ref().map(Demonstrations::checksum) {
+        let is_other = then != set.as_ref().map(Demonstrations::checksum);
+        if state.guidance.is_none() && is_other {
             return Err(TrainError::OtherDemonstrations(config.demonstrations.path));
         }
         let curves = Curves::open(directory.files(), directory.path(), &manifest.curves)?;
         let mut trainer = Trainer::assemble(config, env, set, directory, curves, agent, replay)?;
+        match (&mut trainer.guidance, state.guidance) {
+            (Some(guidance), Some(state)) => {
+                guidance.restore(state, &trainer.config, &trainer.directory)?;
+                let all = &guidance.demonstrations;
+                trainer.collector.set_demonstrations(all);
+                trainer.agent.recorded = recorded(&trainer.config, Some(all))?;
+            }
+            (None, None) => (),
+            _ => {
+                return Err(damage(
+                    STATE,
+                    "it is of a run with a planner, or without".to_owned(),
+                )
+                .into());
+            }
+        }
+        let restored = trainer.agent.restore(&learning);
+        restored.map_err(|error| damage(OPTIMIZERS, error.to_string()))?;
         let collector = trainer.collector.restore(state.collector);
         collector.map_err(|reason| damage(STATE, reason))?;
         match (&mut trainer.probing, state.reservoir) {

@@ -3,8 +3,9 @@
 use super::assemble::coupling;
 use super::clock::Clock;
 use super::collector::{Collector, NotFinite, Sinks};
+use super::guidance::{Guidance, Planned};
 use super::metrics::Interval;
-use super::rehearsal::Following;
+use super::rehearsal::{Following, rehearse};
 use super::state;
 use super::telemetry::{self, Probing, Returns};
 use super::{Evaluation, Evaluator, TrainError, video};
@@ -68,6 +69,8 @@ pub struct Trainer {
     pub(super) probing: Option<Probing>,
     /// Where the policy is started in recorded states.
     pub(super) following: Option<Following>,
+    /// Where the planner makes episodes for it to learn from.
+    pub(super) guidance: Option<Guidance>,
     pub(super) replay: ReplayBuffer,
     pub(super) log: ReplayLog,
     /// Number of the first transition that `checkpoints/last` needs.
@@ -162,6 +165,10 @@ impl Trainer {
             self.collector.reset(&mut self.moments);
         }
         while self.step < steps {
+            if !self.guide(stop)? {
+                self.save_last()?;
+                return Ok(Outcome::Interrupted(self.step));
+            }
             let round = self.next_round();
             let random = round.after <= random_steps;
             let taking = (round.after - round.before) as usize;
@@ -223,6 +230,30 @@ impl Trainer {
         Ok(Outcome::Finished)
     }
 
+    /// Has the planner make the episodes that are due; whether the run is to go on. An episode that is not finished when
+    /// the run is to stop is begun again when it goes on.
+    fn guide(&mut self, stop: &AtomicBool) -> Result<bool, TrainError> {
+        let (config, step) = (&self.config, self.step);
+        let Some(guidance) = &mut self.guidance else {
+            return Ok(true);
+        };
+        while guidance.is_due(config, step) {
+            let started = Instant::now();
+            let (agent, directory) = (&mut self.agent, &self.directory);
+            let planned = guidance.plan(config, agent, &self.scaling, directory, stop)?;
+            self.clock.planning += started.elapsed();
+            let Planned::Made(result) = planned else {
+                return Ok(false);
+            };
+            self.interval.tell("planned_return", result.episode_return);
+            self.interval.tell("planned_length", result.length as f64);
+            let demonstrations = &guidance.demonstrations;
+            self.collector.set_demonstrations(demonstrations);
+            rehearse(config, demonstrations, agent)?;
+        }
+        Ok(true)
+    }
+
     /// A step of each environment, or of the first ones where fewer steps are left of phase 1 or of the run: no round
     /// goes past the end of either.
     fn next_round(&self) -> Round {
@@ -267,6 +298,9 @@ impl Trainer {
                 "demonstrations from {}: trajectories {trajectories}, states {states}",
                 self.config.demonstrations.path
             )),
+            None if self.guidance.is_some() => monitor.note(
+                "no demonstrations (demonstrations.path is empty) but those that the planner makes",
+            ),
             None if published => monitor.note(
                 "no demonstrations (demonstrations.path is empty): training on plain episodes",
             ),

@@ -1,0 +1,240 @@
+//! Guided exploration: now and then the planner, with what was learned so far, makes an episode in the true simulator,
+//! which joins the demonstrations. Its states become starts of segments, its steps recorded rows.
+
+use super::TrainError;
+use super::assemble::{self, make_env};
+use super::evaluation::{EpisodeResult, Watch, run_episode};
+use crate::agent::Agent;
+use crate::config::Config;
+use crate::core::files::{Checksum, FileError};
+use crate::core::random::{Stream, stream};
+use crate::env::{Inspect, MakeError};
+use crate::nn::ObservationScaling;
+use crate::recordings::demo::EpisodeRecorder;
+use crate::recordings::{Demonstrations, Sizes};
+use crate::run::RunDirectory;
+use crate::run::checkpoint::damaged;
+use crate::task::Step;
+use rand::SeedableRng;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The planner's part in a run.
+pub(super) struct Guidance {
+    env: Box<dyn Inspect>,
+    rng: Stream,
+    /// Episodes planned so far.
+    planned: usize,
+    began_with: Checksum,
+    /// The recordings that the run began with, and the planned ones after them.
+    pub demonstrations: Arc<Demonstrations>,
+}
+
+/// The planner's part in a run, to go on from; the episodes lie beside the checkpoint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct GuidanceState {
+    rng: Stream,
+    planned: usize,
+    /// Of the recordings that the run began with.
+    began_with: Checksum,
+    /// Of all demonstrations, the planned ones too.
+    checksum: Checksum,
+}
+
+/// What came of an episode that was due.
+pub(super) enum Planned {
+    /// It was made, and is the last one of [`Guidance::demonstrations`].
+    Made(EpisodeResult),
+    /// The run is to stop: nothing has changed.
+    Abandoned,
+}
+
+impl Guidance {
+    /// The planner's part in a run of `config` that begins with `demonstrations`, if it has one.
+    ///
+    /// # Errors
+    /// When MuJoCo can't run the task.
+    pub fn new(
+        config: &Config,
+        demonstrations: Option<&Arc<Demonstrations>>,
+    ) -> Result<Option<Guidance>, MakeError> {
+        let Some(demonstrations) = demonstrations.filter(|_| config.planner.every > 0) else {
+            return Ok(None);
+        };
+        Ok(Some(Guidance {
+            env: make_env(config)?,
+            rng: stream(config.seed, "planner"),
+            planned: 0,
+            began_with: demonstrations.checksum(),
+            demonstrations: Arc::clone(demonstrations),
+        }))
+    }
+
+    /// Whether an episode is due after `step` steps.
+    pub fn is_due(&self, config: &Config, step: u64) -> bool {
+        let learning = step.saturating_sub(config.random_steps);
+        learning / config.planner.every > self.planned as u64
+    }
+
+    /// Plans an episode from a reset with the policy and the critics of `agent`, and records it beside the run.
+    ///
+    /// # Errors
+    /// When MuJoCo can't run the task or the recording can't be written.
+    pub fn plan(
+        &mut self,
+        config: &Config,
+        agent: &Agent,
+        scaling: &ObservationScaling,
+        directory: &RunDirectory,
+        stop: &AtomicBool,
+    ) -> Result<Planned, TrainError> {
+        let mut rng = self.rng.clone();
+        let mut episode = Stream::from_rng(&mut rng);
+        let worth = assemble::worth(config, self.env.spec(), &agent.weights(), scaling.clone());
+        let worth = worth.expect("its own networks fit");
+        let worth = config.planner.terminal_value.then_some(worth);
+        let mut planner = assemble::planner(config)?.with(Some(agent.policy(scaling)), worth);
+        let source = format!(
+            "mamf {}, planned in training ({})",
+            env!("CARGO_PKG_VERSION"),
+            config.planner.method.name()
+        );
+        let watcher = Recording {
+            source: &source,
+            ends_when_dropped: config.planner.drop_cost > 0.0,
+            stop,
+        };
+        let env = self.env.as_mut();
+        let (result, recorder) = run_episode(env, &mut planner, &mut episode, &watcher);
+        if stop.load(Ordering::Relaxed) {
+            return Ok(Planned::Abandoned);
+        }
+        if result.length > 0 {
+            let stem = stem(directory, self.planned);
+            let files = directory.files();
+            files.create_dir(&directory.planned())?;
+            // What a run that was cut off left there.
+            remove_from(directory, self.planned)?;
+            let saved = recorder.save(&stem, config.seed, self.planned);
+            saved.map_err(|error| TrainError::Planned { stem, error })?;
+        }
+        self.add(directory, self.planned)?;
+        self.rng = rng;
+        self.planned += 1;
+        Ok(Planned::Made(result))
+    }
+
+    /// Has episode number `number` join the demonstrations; one of no step at all was not recorded.
+    fn add(&mut self, directory: &RunDirectory, number: usize) -> Result<(), TrainError> {
+        let path = stem(directory, number).with_extension("npz");
+        if path.exists() {
+            let sizes = Sizes::of(self.env.spec());
+            let loaded = Demonstrations::load(&path, &sizes);
+            let loaded =
+                loaded.map_err(|error| TrainError::Demonstrations { error, base: None })?;
+            self.demonstrations = Arc::new(self.demonstrations.with(loaded));
+        }
+        Ok(())
+    }
+
+    /// What it goes on from.
+    pub fn snapshot(&self) -> GuidanceState {
+        GuidanceState {
+            rng: self.rng.clone(),
+            planned: self.planned,
+            began_with: self.began_with,
+            checksum: self.demonstrations.checksum(),
+        }
+    }
+
+    /// Goes on from `state`, with the episodes in `directory`.
+    ///
+    /// # Errors
+    /// When an episode is missing, damaged or another one, or the run began with other recordings.
+    pub fn restore(
+        &mut self,
+        state: GuidanceState,
+        config: &Config,
+        directory: &RunDirectory,
+    ) -> Result<(), TrainError> {
+        if self.demonstrations.checksum() != state.began_with {
+            let path = config.demonstrations.path.clone();
+            return Err(TrainError::OtherDemonstrations(path));
+        }
+        for number in 0..state.planned {
+            self.add(directory, number)?;
+        }
+        if self.demonstrations.checksum() != state.checksum {
+            let reason = "these are not the episodes that the run had planned".to_owned();
+            return Err(damaged(directory.planned(), reason).into());
+        }
+        self.rng = state.rng;
+        self.planned = state.planned;
+        Ok(())
+    }
+
+    /// Removes from disk the episodes that were planned after the checkpoint that the run goes on from.
+    pub fn forget_later(&self, directory: &RunDirectory) -> Result<(), FileError> {
+        remove_from(directory, self.planned)
+    }
+}
+
+/// The files of episode number `number`, from 0, without their endings.
+fn stem(directory: &RunDirectory, number: usize) -> PathBuf {
+    directory
+        .planned()
+        .join(format!("episode_{:06}", number + 1))
+}
+
+/// Removes the episodes from number `first` on.
+fn remove_from(directory: &RunDirectory, first: usize) -> Result<(), FileError> {
+    for number in first.. {
+        let files = [stem(directory, number)]
+            .map(|stem| [stem.with_extension("npz"), stem.with_extension("json")]);
+        let there: Vec<_> = files
+            .iter()
+            .flatten()
+            .filter(|path| path.exists())
+            .collect();
+        if there.is_empty() {
+            break;
+        }
+        for path in there {
+            directory.files().remove(path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Records an episode until it ends or the run is to stop.
+struct Recording<'a> {
+    source: &'a str,
+    ends_when_dropped: bool,
+    stop: &'a AtomicBool,
+}
+
+impl Watch for Recording<'_> {
+    type Seen = EpisodeRecorder;
+
+    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> EpisodeRecorder {
+        EpisodeRecorder::begin(env, observation, self.source)
+    }
+
+    fn step(
+        &self,
+        recorder: &mut EpisodeRecorder,
+        env: &dyn Inspect,
+        action: &[f64],
+        step: &Step,
+        observation: &[f64],
+    ) {
+        recorder.step(env, action, step, observation);
+    }
+
+    fn ends(&self, step: &Step) -> bool {
+        let dropped = self.ends_when_dropped && step.dropped;
+        step.terminated || step.truncated || dropped || self.stop.load(Ordering::Relaxed)
+    }
+}
