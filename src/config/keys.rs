@@ -137,6 +137,9 @@ keys! {
     /// follows is worth next to nothing, and takes neither steps nor batches. For hand tasks with a dense reward.
     "exploration.end_when_dropped" => flag().or("false").young();
 
+    /// Run or checkpoint whose networks, and scaling of observations, the run begins with in place of fresh ones: of the same
+    /// task, method and sizes, relative to the working directory.
+    "networks.from" => key(Range::Text).or("\"\"").young();
     /// Widths of the hidden layers of actor and critics.
     "networks.hidden" => key(Range::Widths).or("[256, 256]");
     /// Adam's learning rate of the actor.

@@ -385,8 +385,8 @@ fn runs_that_are_older_than_a_key_are_read_as_its_default_says() {
     let older = text
         .replace("environments = 1\n", "")
         .replace("[updates]\nevery = 1\n", "")
-        .replace("[exploration]\nspread = []\n", "");
-    assert_eq!(older.lines().count() + 5, text.lines().count());
+        .replace("[exploration]\nspread = []\nend_when_dropped = false\n", "");
+    assert_eq!(older.lines().count() + 6, text.lines().count());
     std::fs::write(&path, older).unwrap();
     assert_eq!(read_resolved(&path, &Overrides::default()).unwrap(), config);
 }

@@ -107,6 +107,15 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
     require(!is_value || c.discount < 1.0, "imagination.bias", || {
         "return, for without a discount (it is 1) no value bounds what can be attained".into()
     })?;
+    require(
+        !(i.optimism && c.method.addition() == Addition::Imagination) || c.networks.from.is_empty(),
+        "networks.from",
+        || {
+            "empty, or imagination.optimism = false beside it: critics that have learned begin with no \
+             bias"
+                .into()
+        },
+    )?;
     let phase_1 = c.random_steps;
     require(c.batch_size as u64 <= phase_1, "batch_size", || {
         format!("at most random_steps ({phase_1}), the transitions phase 1 delivers")

@@ -23,6 +23,17 @@ impl RunningMoments {
         }
     }
 
+    /// As if `count` observations had been seen that `scaling` is of.
+    pub fn of(scaling: &ObservationScaling, count: u64) -> RunningMoments {
+        let wide = |numbers: &[f32]| numbers.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+        let deviation = wide(&scaling.deviation);
+        RunningMoments {
+            count,
+            mean: wide(&scaling.mean),
+            squares: deviation.iter().map(|d| d * d * count as f64).collect(),
+        }
+    }
+
     /// Length of an observation.
     pub fn size(&self) -> usize {
         self.mean.len().min(self.squares.len())
@@ -172,6 +183,14 @@ mod tests {
         let mean = rows.iter().map(|r| r[0]).sum::<f64>() / 100.0;
         let deviation = (rows.iter().map(|r| (r[0] - mean).powi(2)).sum::<f64>() / 100.0).sqrt();
         let scaling = moments.scaling(5.0, 1e-2);
+        // Those of the scaling go on as they would have, but for single precision.
+        let mut of = RunningMoments::of(&scaling, 100);
+        for moments in [&mut moments, &mut of] {
+            moments.add(&[1e3, 9.0]);
+        }
+        let [after, gone_on] = [&moments, &of].map(|m| m.scaling(5.0, 1e-2));
+        assert!((after.mean[0] - gone_on.mean[0]).abs() < 1e-3);
+        assert!((after.deviation[0] - gone_on.deviation[0]).abs() < 1e-4);
         assert!((f64::from(scaling.mean[0]) - mean).abs() < 1e-4);
         assert!((f64::from(scaling.deviation[0]) - deviation).abs() < 1e-6);
         assert_eq!(

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkSettings {
+    /// Run or checkpoint whose networks are begun with; empty for fresh ones.
+    pub from: String,
     /// Widths of the hidden layers of actor and critics.
     pub hidden: Vec<usize>,
     /// Adam's learning rate of the actor.

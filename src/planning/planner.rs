@@ -214,6 +214,54 @@ mod tests {
     }
 
     #[test]
+    fn a_drop_costs_every_step_that_is_left_if_it_costs_anything() {
+        let task = "PenSpin-v0";
+        let mut env = env::make_inspect(task).unwrap();
+        let (size, width) = (env.spec().obs_size, env.spec().action_size);
+        let mut observation = vec![0.0; size];
+        env.reset(&mut stream(2, "episode"), &mut observation);
+        let mut qpos = env.qpos().to_vec();
+        // Too low for the hand, at the third step too low for anything.
+        qpos[26] = 0.045;
+        qpos[24] += 0.5;
+        let qvel = vec![0.0; env.qvel().len()];
+        let start = crate::task::Start {
+            qpos: &qpos,
+            qvel: &qvel,
+            previous_action: None,
+            goal: &[],
+        };
+        env.start_at(&start, &mut observation);
+        let state = env.snapshot();
+        let make: MakeEnv = Arc::new(move || -> Box<dyn Env> { env::make(task).unwrap().0 });
+        let coupling = Coupling::new(0.7, &vec![Span::symmetric(1.0); width]);
+        let score = |drop_cost| {
+            let settings = PlannerSettings {
+                drop_cost,
+                ..settings()
+            };
+            let mut planner = Planner::new(settings, Arc::clone(&make), 1, coupling.clone());
+            let sequence = vec![0.0; planner.shape.numbers()];
+            let origin = Origin {
+                state: &state,
+                obs: &vec![0.0; size],
+                previous: &vec![0.0; width],
+            };
+            planner.rollouts.score(origin, &sequence, None)[0]
+        };
+        let horizon = settings().horizon;
+        let zero = vec![0.0; width];
+        let steps = (0..horizon).map(|_| env.step(&zero, &mut observation));
+        let steps: Vec<_> = steps.collect();
+        let dropped = steps.iter().position(|step| step.dropped).unwrap();
+        assert!(dropped + 1 < horizon);
+        let sum = |steps: &[crate::task::Step]| steps.iter().map(|step| step.reward).sum::<f64>();
+        assert_eq!(score(0.0), sum(&steps));
+        let left = (horizon - 1 - dropped) as f64;
+        assert_eq!(score(5.0), sum(&steps[..=dropped]) - 5.0 * left);
+    }
+
+    #[test]
     fn a_score_is_the_sum_of_the_rewards_that_the_sequence_brings_and_the_worth_of_its_end() {
         let task = "HalfCheetah-v4";
         let mut planner = planner(task, 2, None);

@@ -186,7 +186,23 @@ impl Trainer {
         run_json: impl FnOnce(Provenance) -> String,
     ) -> Result<Trainer, TrainError> {
         let spec = env.spec();
-        let mut agent = fresh_agent(&config, spec, make_rules(&config, spec)?);
+        let rules = make_rules(&config, spec)?;
+        let (mut agent, begun_with) = match &config.networks.from {
+            none if none.is_empty() => (fresh_agent(&config, spec, rules), None),
+            path => {
+                let found = Checkpoint::load(Path::new(path))?;
+                found.require_task(&config.task)?;
+                let misfit = |error| found.misfit(error);
+                let weights = found.weights();
+                let scaling = ObservationScaling::load(spec.obs_size, weights).map_err(misfit)?;
+                let agent = saved_agent(&config, spec, rules, weights).map_err(misfit)?;
+                let moments = match found.config.scaling.enabled {
+                    true => RunningMoments::of(&scaling, found.step),
+                    false => RunningMoments::new(spec.obs_size),
+                };
+                (agent, Some((scaling, moments)))
+            }
+        };
         agent.recorded = recorded(&config, demonstrations.as_ref())?;
         let replay = empty_replay(&config, spec)?;
         require_threads(&config)?;
@@ -194,7 +210,7 @@ impl Trainer {
         directory.write(CONFIG_TOML, &config.to_toml())?;
         directory.write(RUN_JSON, &run_json(Provenance::here()))?;
         let curves = Curves::create(directory.files(), directory.path())?;
-        Trainer::assemble(
+        let mut trainer = Trainer::assemble(
             config,
             env,
             demonstrations,
@@ -202,7 +218,12 @@ impl Trainer {
             curves,
             agent,
             replay,
-        )
+        )?;
+        if let Some((scaling, moments)) = begun_with {
+            trainer.scaling = scaling;
+            trainer.moments = moments;
+        }
+        Ok(trainer)
     }
 
     /// A run before its first step, of these parts.

@@ -671,6 +671,46 @@ mod tests {
     }
 
     #[test]
+    fn an_episode_ends_where_the_pen_is_dropped_if_it_shall() {
+        let first = |end_when_dropped, height| {
+            let mut env = env::make_inspect("PenSpin-v0").unwrap();
+            let mut observation = vec![0.0; env.spec().obs_size];
+            env.reset(&mut stream(1, "env"), &mut observation);
+            let mut qpos = env.qpos().to_vec();
+            qpos[26] = height;
+            let qvel = env.qvel().to_vec();
+            let start = Start {
+                qpos: &qpos,
+                qvel: &qvel,
+                previous_action: None,
+                goal: &[],
+            };
+            env.start_at(&start, &mut observation);
+            let mut episode = Episode::new(env, stream(1, "env"), end_when_dropped);
+            episode.begin(&observation);
+            let mut controller = Zero.another();
+            let happened = episode.step(controller.as_mut(), &mut stream(1, "noise"));
+            let happened = happened.unwrap();
+            (happened.ended, happened.row.unwrap().terminated)
+        };
+        assert_eq!(first(true, -0.1), (true, true));
+        assert_eq!(first(false, -0.1), (false, false));
+        assert_eq!(first(true, 0.3), (false, false));
+    }
+
+    #[test]
+    fn segments_of_no_demonstrations_begin_from_a_reset() {
+        let mut collector = collector(Demonstrations::default(), 1.0, 0.0);
+        for (t, (main, _, previous, _)) in run(&mut collector, 3 * SEGMENT as usize)
+            .into_iter()
+            .enumerate()
+        {
+            assert!(!main, "step {t}");
+            assert_eq!(previous, [0.0, 0.0]);
+        }
+    }
+
+    #[test]
     fn the_main_episode_goes_on_where_it_stood() {
         let directory = tempfile::tempdir().unwrap();
         let demonstrations = recorded(directory.path());

@@ -187,6 +187,8 @@ impl Case {
                 actor_learning_rate: self.f("actor_lr"),
                 critic_learning_rate: self.f("critic_lr"),
                 critic_normalisation: Normalisation::None,
+                saturation_penalty: 0.0,
+                from: String::new(),
             },
             coupling: Coupling::new(self.f("beta"), &self.ranges()),
             discount: self.f("gamma"),

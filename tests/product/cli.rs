@@ -303,6 +303,46 @@ fn force_replaces_a_run_and_nothing_else() {
 // ---------------------------------------------------------------------------------------------
 
 #[test]
+fn a_run_begins_with_the_networks_of_another() {
+    let place = Place::new();
+    let settings = ["method=td3", "scaling.enabled=false"];
+    place.train("hopper", "first", &settings);
+    // Phase 1 alone: nothing is learned.
+    let idle = |out: &str, more: &[&str]| {
+        let phase_1 = ["steps=120", "random_steps=120"];
+        let output = place.run(&small_run(
+            "hopper",
+            out,
+            &[&settings, &phase_1, more].concat(),
+        ));
+        assert!(output.status.success(), "{output:?}");
+    };
+    idle("second", &["networks.from=first"]);
+    idle("fresh", &[]);
+    let eval = |run: &str| {
+        let said = place.succeed(&["eval", "--checkpoint", run, "--episodes", "2"]);
+        said.lines().skip(1).map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(eval("first"), eval("second"));
+    assert_ne!(eval("first"), eval("fresh"));
+
+    let refuse = |settings: &[&str], parts: &[&str]| {
+        let arguments = small_run("hopper", "refused", &[&["method=td3"], settings].concat());
+        place.refuse(1, &arguments, parts);
+        assert!(!place.path("refused").exists());
+    };
+    refuse(&["networks.from=nowhere"], &["nowhere"]);
+    refuse(
+        &["networks.from=first", "networks.hidden=[8]"],
+        &["first", "weights.safetensors", "actor"],
+    );
+    refuse(
+        &["networks.from=first", "task=Walker2d-v4"],
+        &["first", "Hopper-v4", "Walker2d-v4"],
+    );
+}
+
+#[test]
 fn eval_takes_a_run_or_a_checkpoint_and_repeats_itself() {
     let place = Place::new();
     place.train("hopper", "run", &[]);
@@ -428,6 +468,23 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
         (
             "demonstrations.batch_share=0.5",
             &["`demonstrations.batch_share`", "0.5", "demonstrations.path"],
+        ),
+        (
+            "exploration.end_when_dropped=true",
+            &[
+                "`exploration.end_when_dropped`",
+                "Hopper-v4",
+                "nothing can be dropped",
+            ],
+        ),
+        ("planner.every=-1", &["`planner.every`", "not negative"]),
+        (
+            "networks.saturation_penalty=-1",
+            &["`networks.saturation_penalty`", "from 0"],
+        ),
+        (
+            "networks.from=runs/x",
+            &["`networks.from`", "imagination.optimism = false"],
         ),
         (
             "demonstrations.return_bound=true",

@@ -91,6 +91,13 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
         "evaluation.episodes=1",
         "checkpoint.every=35",
     ];
+    const PLANS: [&str; 5] = [
+        "planner.every=20",
+        "planner={horizon=2, samples=4, elites=2, iterations=1, first_iterations=1, drop_cost=5}",
+        "exploration.end_when_dropped=true",
+        "method=td3",
+        "demonstrations.batch_share=0.25",
+    ];
     let fixture = |name: &str| {
         let root = env!("CARGO_MANIFEST_DIR");
         format!("demonstrations.path={root}/tests/fixtures/rollouts/{name}.npz")
@@ -111,6 +118,23 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
                 "networks.critic_normalisation=layer",
                 "target_value=mean",
             ],
+        ),
+        // The planner begins with recordings, or with none; it acts before, at and after the stops.
+        (
+            "pen_spin",
+            &[
+                PLANS[0],
+                PLANS[1],
+                PLANS[2],
+                PLANS[3],
+                PLANS[4],
+                spin.as_str(),
+                "telemetry.recorded_states=3",
+            ],
+        ),
+        (
+            "pen_spin",
+            &[PLANS[0], PLANS[1], PLANS[2], PLANS[3], PLANS[4]],
         ),
         ("egg_hand_over", &[hand_over.as_str()]),
         ("egg_catch_underarm_hard", &[]),

@@ -266,6 +266,25 @@ mod tests {
     }
 
     #[test]
+    fn saturation_costs_the_mean_square_of_what_is_squashed() {
+        let mut case = case(0.0, true);
+        case.actor.saturation_penalty = 0.3;
+        let network = case.actor.actor.mlp().forward(&case.observed);
+        let squares = network.iter().map(|z| f64::from(z * z)).sum::<f64>();
+        let penalty = 0.3 * squares / (ROWS * ACTION) as f64;
+        assert!(penalty > 1e-3);
+        let expected = case.expected(0.0, |_, _| true) + penalty;
+        assert!((case.step() - expected).abs() < 1e-5);
+        for _ in 0..300 {
+            case.actor.saturation_penalty = 1e4;
+            case.step();
+        }
+        let network = case.actor.actor.mlp().forward(&case.observed);
+        let left = network.iter().map(|z| f64::from(z * z)).sum::<f64>();
+        assert!(left < 0.1 * squares, "{squares} {left}");
+    }
+
+    #[test]
     fn imitation_leads_to_the_recorded_actions() {
         let mut case = case(1e4, false);
         let distance =
