@@ -6,6 +6,7 @@ use crate::config::{self, Config, Overrides};
 use crate::core::parallel::with_threads;
 use crate::core::random::stream;
 use crate::env::{self, Inspect};
+use crate::planning::{PlannerSettings, Worthwhile};
 use crate::recordings::demo::EpisodeRecorder;
 use crate::run::Checkpoint;
 use crate::task::Step;
@@ -90,14 +91,13 @@ impl Keep {
 struct Watcher {
     camera: Camera,
     bar: ProgressBar,
-    /// Whether what follows a drop is not worth planning.
-    ends_when_dropped: bool,
+    settings: PlannerSettings,
 }
 
 /// The recording of an episode, and its rewards so far.
 struct Seen {
     recorder: EpisodeRecorder,
-    episode_return: f64,
+    worthwhile: Worthwhile,
 }
 
 impl Watch for Watcher {
@@ -106,7 +106,7 @@ impl Watch for Watcher {
     fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> Seen {
         Seen {
             recorder: self.camera.begin(env, observation),
-            episode_return: 0.0,
+            worthwhile: Worthwhile::new(&self.settings),
         }
     }
 
@@ -120,14 +120,14 @@ impl Watch for Watcher {
     ) {
         self.camera
             .step(&mut seen.recorder, env, action, step, observation);
-        seen.episode_return += step.reward;
+        seen.worthwhile.see(step);
         self.bar.inc(1);
-        self.bar
-            .set_message(format!("return so far {:.1}", seen.episode_return));
+        let so_far = seen.worthwhile.episode_return();
+        self.bar.set_message(format!("return so far {so_far:.1}"));
     }
 
-    fn ends(&self, step: &Step) -> bool {
-        step.terminated || step.truncated || self.ends_when_dropped && step.dropped
+    fn ends(&self, seen: &Seen, step: &Step) -> bool {
+        seen.worthwhile.is_over(step)
     }
 }
 
@@ -175,7 +175,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let watcher = Watcher {
         camera: Camera { source },
         bar,
-        ends_when_dropped: config.planner.drop_cost > 0.0,
+        settings: config.planner.clone(),
     };
     let keep = args.keep;
     with_threads(

@@ -312,6 +312,8 @@ keys! {
     /// What a sequence's score loses for every step of the horizon that is left when an object has fallen past the hands. The
     /// sequence ends there, and so does a planned episode. 0: both go on, and only rewards count.
     "planner.drop_cost" => number(0.0, 1e6).or("0.0").of_planner();
+    /// Steps in a row after which a planned episode ends if its return so far has not risen above what it was before. 0: it does not.
+    "planner.patience" => whole(0, 1_000_000).or("0").of_planner();
     /// Environment steps of phase 2 between two episodes that the planner makes in training, with the policy's proposals and
     /// the critics' values: each is recorded in the run's directory and joins the demonstrations. Neither its steps nor those
     /// tried out count as environment steps. 0 for none.

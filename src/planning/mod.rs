@@ -4,6 +4,7 @@
 //! A [`Strategy`] is a way of making sequences; [`Rollouts`] tries them out; the [`Planner`] is a
 //! [`Controller`](crate::agent::Controller) made of both.
 
+mod episode;
 mod icem;
 mod knots;
 mod mppi;
@@ -15,6 +16,7 @@ mod settings;
 mod strategy;
 mod topdm;
 
+pub use episode::Worthwhile;
 pub use planner::{Planner, Worth};
 pub use rollouts::{MakeEnv, Origin, Rollouts, Value};
 pub use settings::{Interpolation, PlannerMethod, PlannerSettings};

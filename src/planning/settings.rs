@@ -65,6 +65,8 @@ pub struct PlannerSettings {
     pub success_bonus: f64,
     /// Cost of each step that is left of the horizon when an object is dropped, which ends the sequence; 0 for neither.
     pub drop_cost: f64,
+    /// Steps without a new highest return after which a planned episode ends; 0 for no such end.
+    pub patience: usize,
     /// Environment steps between two episodes that the planner makes in training; 0 for none.
     pub every: u64,
     pub policy_share: f64,

@@ -120,8 +120,8 @@ pub trait Watch: Sync {
         observation: &[f64],
     );
 
-    /// Whether this outcome is the episode's last: the end of the task, unless the watcher has seen enough before.
-    fn ends(&self, step: &Step) -> bool {
+    /// Whether this outcome is the episode's last: the end of the task, unless the watcher has `seen` enough before.
+    fn ends(&self, _seen: &Self::Seen, step: &Step) -> bool {
         step.terminated || step.truncated
     }
 }
@@ -264,7 +264,7 @@ pub(super) fn run_episode<W: Watch>(
         }
         // A simulation that blew up has not succeeded, whatever it did before.
         result.success = outcome.success.or(result.success.map(|_| false));
-        if watch.ends(&outcome) {
+        if watch.ends(&seen, &outcome) {
             return (result, seen);
         }
     }

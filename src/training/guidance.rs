@@ -10,6 +10,7 @@ use crate::core::files::{Checksum, FileError};
 use crate::core::random::{Stream, stream};
 use crate::env::{Inspect, MakeError};
 use crate::nn::ObservationScaling;
+use crate::planning::{PlannerSettings, Worthwhile};
 use crate::recordings::demo::EpisodeRecorder;
 use crate::recordings::{Demonstrations, Sizes};
 use crate::run::RunDirectory;
@@ -103,11 +104,11 @@ impl Guidance {
         );
         let watcher = Recording {
             source: &source,
-            ends_when_dropped: config.planner.drop_cost > 0.0,
+            settings: &config.planner,
             stop,
         };
         let env = self.env.as_mut();
-        let (result, recorder) = run_episode(env, &mut planner, &mut episode, &watcher);
+        let (result, (recorder, _)) = run_episode(env, &mut planner, &mut episode, &watcher);
         if stop.load(Ordering::Relaxed) {
             return Ok(Planned::Abandoned);
         }
@@ -211,30 +212,31 @@ fn remove_from(directory: &RunDirectory, first: usize) -> Result<(), FileError> 
 /// Records an episode until it ends or the run is to stop.
 struct Recording<'a> {
     source: &'a str,
-    ends_when_dropped: bool,
+    settings: &'a PlannerSettings,
     stop: &'a AtomicBool,
 }
 
 impl Watch for Recording<'_> {
-    type Seen = EpisodeRecorder;
+    type Seen = (EpisodeRecorder, Worthwhile);
 
-    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> EpisodeRecorder {
-        EpisodeRecorder::begin(env, observation, self.source)
+    fn begin(&self, env: &dyn Inspect, observation: &[f64]) -> Self::Seen {
+        let recorder = EpisodeRecorder::begin(env, observation, self.source);
+        (recorder, Worthwhile::new(self.settings))
     }
 
     fn step(
         &self,
-        recorder: &mut EpisodeRecorder,
+        (recorder, worthwhile): &mut Self::Seen,
         env: &dyn Inspect,
         action: &[f64],
         step: &Step,
         observation: &[f64],
     ) {
         recorder.step(env, action, step, observation);
+        worthwhile.see(step);
     }
 
-    fn ends(&self, step: &Step) -> bool {
-        let dropped = self.ends_when_dropped && step.dropped;
-        step.terminated || step.truncated || dropped || self.stop.load(Ordering::Relaxed)
+    fn ends(&self, (_, worthwhile): &Self::Seen, step: &Step) -> bool {
+        worthwhile.is_over(step) || self.stop.load(Ordering::Relaxed)
     }
 }
