@@ -187,6 +187,7 @@ impl Case {
                 actor_learning_rate: self.f("actor_lr"),
                 critic_learning_rate: self.f("critic_lr"),
                 critic_normalisation: Normalisation::None,
+                saturation_penalty: 0.0,
             },
             coupling: Coupling::new(self.f("beta"), &self.ranges()),
             discount: self.f("gamma"),
