@@ -72,6 +72,7 @@ const INFO: Info = Info {
     termination: "never",
     reset: "at rest",
     velocity: Velocity::None,
+    drops: false,
     relative: false,
 };
 

@@ -38,6 +38,7 @@ const INFO: Info = Info {
     termination: "never",
     reset: "above the floor",
     velocity: Velocity::None,
+    drops: false,
     relative: false,
 };
 
