@@ -1,5 +1,6 @@
-//! Policies get better: short runs of small networks, each against doing nothing in the same fresh episodes. Margins
-//! hold for many more seeds than are tested, see each of them.
+//! Policies get better: short runs of small networks, each against doing nothing in the same fresh episodes. One seed is
+//! tested; the margins held for all of the first six (the pole) and eight (reaching), the worst of which the comments name.
+//! `MAMF_LEARNING_SEEDS=8 cargo test --release --test numerics learning -- --nocapture` tries eight.
 
 use mamf::agent::Zero;
 use mamf::config::{Config, Overrides, parse};
@@ -78,7 +79,8 @@ fn learns(settings: &str, model: &str, steps: u64, holds: impl Fn(f64, f64) -> b
     }
 }
 
-/// The pole stands this many times as long as under zero actions.
+/// The pole stands this many times as long as under zero actions, 25.15 steps; the worst of six seeds of both methods
+/// kept it up for 51.24.
 const LONGER: f64 = 1.5;
 
 #[test]
@@ -101,6 +103,6 @@ fn mamf_learns_to_balance_the_pole() {
 #[test]
 fn mamf_learns_to_reach() {
     let settings = "task = \"Reacher-v4\"\nmethod = \"mamf\"\nmodel_start = 100\nbatch_size = 128\ndiscount = 0.9\n";
-    // Returns are negative: the sum of distances.
+    // Returns are negative, sums of distances: -11.88 for zero actions, -7.94 for the worst of eight seeds.
     learns(settings, MODEL, 6000, |trained, idle| trained > 0.75 * idle);
 }
