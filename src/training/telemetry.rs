@@ -447,6 +447,250 @@ mod tests {
         assert_eq!(q_bias(&core, &[], 0.5, &scaling), None);
     }
 
+    /// What the simulator adds to both numbers of a state in a step, whatever is done, and what it pays besides the
+    /// action.
+    const MOVES: f64 = 1.0;
+    const PAYS: f64 = 2.0;
+
+    /// A world that can be written down: it ends where the first number passes 50, and blows up where it passes 90.
+    struct Simple {
+        spec: crate::task::Spec,
+        state: [f64; 2],
+    }
+
+    impl Simple {
+        fn new() -> Simple {
+            let pendulum = env::make("InvertedPendulum-v4").unwrap().0;
+            let spec = crate::task::Spec {
+                obs_size: 2,
+                ..pendulum.spec().clone()
+            };
+            Simple {
+                spec,
+                state: [0.0; 2],
+            }
+        }
+    }
+
+    impl Env for Simple {
+        fn spec(&self) -> &crate::task::Spec {
+            &self.spec
+        }
+
+        fn step(&mut self, action: &[f64], observation: &mut [f64]) -> Step {
+            self.state.iter_mut().for_each(|x| *x += MOVES);
+            observation.copy_from_slice(&self.state);
+            let diverged = self.state[0] > 90.0;
+            Step {
+                reward: PAYS + action[0],
+                terminated: self.state[0] > 50.0,
+                truncated: diverged,
+                diverged,
+                buffer_full: false,
+                dropped: false,
+                success: None,
+            }
+        }
+
+        fn restore(&mut self, state: &EnvState) -> Result<(), crate::task::StateMismatch> {
+            self.state.copy_from_slice(&state.qpos);
+            Ok(())
+        }
+
+        fn reset(&mut self, _: &mut Stream, _: &mut [f64]) {
+            unreachable!("imagined steps begin in states that were kept")
+        }
+
+        fn start_at(&mut self, _: &crate::task::Start<'_>, _: &mut [f64]) {
+            unreachable!("there are no demonstrations")
+        }
+
+        fn draw_goal(&self, _: &mut Stream, _: &[f64]) -> Vec<f64> {
+            unreachable!("the task has no goal")
+        }
+
+        fn snapshot(&self) -> EnvState {
+            unreachable!("nothing is kept")
+        }
+    }
+
+    /// Rules of it that pay a quarter too much and never end.
+    struct Generous;
+
+    const TOO_MUCH: f32 = 0.25;
+
+    impl crate::task::Rules for Generous {
+        fn reward(&self, _: &[f32], action: &[f32], _: &[f32]) -> f32 {
+            PAYS as f32 + TOO_MUCH + action[0]
+        }
+
+        fn terminated(&self, _: &[f32]) -> bool {
+            false
+        }
+    }
+
+    /// An agent whose critics say `worth` of everything, and whose model is wrong by `errors` in scaled space, wherever
+    /// it is asked. It keeps the imagined steps whose targets are not below the real ones.
+    fn wrong_agent(worth: f32, errors: [f32; 2], scaling: &ObservationScaling) -> Agent {
+        let mut config = Config::preset(Method::Mamf);
+        (config.networks.hidden, config.model.hidden) = (vec![1], vec![1]);
+        (config.action_coupling, config.discount) = (1.0, 0.5);
+        config.imagination.uncertainty_filter = false;
+        config.model.predict = crate::model::Predict::Delta;
+        let (mut spec, device) = (Simple::new().spec, config.compute.backend.device());
+        spec.obs_size = 2;
+        let mut arrays = crate::nn::Weights::default();
+        let mut layers = |name: &str, inputs: usize, last: &[f32]| {
+            let mut insert = |part: &str, numbers: Vec<f32>, shape: &[usize]| {
+                let data = burn::tensor::TensorData::new(numbers, shape);
+                arrays.insert(format!("{name}.{part}"), data);
+            };
+            insert("l1.weight", vec![0.0; inputs], &[inputs, 1]);
+            insert("l1.bias", vec![0.0], &[1]);
+            insert("l2.weight", vec![0.0; last.len()], &[1, last.len()]);
+            insert("l2.bias", last.to_vec(), &[last.len()]);
+        };
+        for prefix in ["", "target_"] {
+            layers(&format!("{prefix}actor"), 2, &[0.0]);
+            layers(&format!("{prefix}critic1"), 3, &[worth]);
+            layers(&format!("{prefix}critic2"), 3, &[worth]);
+        }
+        // The scaled length of the simulator's move, and the error.
+        let [origin, moved] = [[0.0; 2], [MOVES as f32; 2]].map(|s| scaling.scale(&s));
+        let said = [0, 1].map(|j| moved[j] - origin[j] + errors[j]);
+        layers("model", 3, &said);
+
+        let settings = agent_settings(&config, &spec);
+        let core = ActorCritic::load(settings, 2, 1, &arrays, &device).unwrap();
+        let shape = crate::model::DynamicsShape {
+            obs_size: 2,
+            action_size: 1,
+            known: &[],
+            learns_reward: false,
+        };
+        let model = crate::model::DynamicsModel::load(&config.model, shape, &arrays, &device);
+        let world = crate::model::World::new(model.unwrap(), std::sync::Arc::new(Generous));
+        let ranges = &spec.action_ranges;
+        let augment =
+            crate::agent::augment::Imagination::new(&config.imagination, ranges, world, 1);
+        Agent::new(core, Box::new(augment), 1)
+    }
+
+    /// Transitions of `Simple` from states whose first numbers these are, with rewards that their targets are made of.
+    fn kept_in(states: &[(f64, f32)]) -> Reservoir {
+        let mut reservoir = Reservoir::new(states.len(), stream(2, "telemetry"));
+        for (x, reward) in states {
+            let place = reservoir.places(1)[0].unwrap();
+            let obs = [*x as f32, 0.0];
+            let transition = Transition {
+                obs: &obs,
+                action: &[0.0],
+                reward: *reward,
+                next_obs: &obs,
+                terminated: false,
+                previous_action: &[0.0],
+            };
+            let before = EnvState {
+                qpos: vec![*x, 0.0],
+                ..state(0)
+            };
+            reservoir.keep(place, before, &transition);
+        }
+        reservoir
+    }
+
+    #[test]
+    fn known_errors_of_a_world_are_found_to_the_number() {
+        // Wide enough that nothing is clipped.
+        let scaling = ObservationScaling::new(vec![1.0, -2.0], vec![4.0, 0.5], 100.0);
+        let (worth, errors) = (8.0, [0.3, -0.4]);
+        let agent = wrong_agent(worth, errors, &scaling);
+        // High rewards make targets that no imagined step reaches. The last state is one that blows up.
+        let (low, high) = (-1000.0, 1000.0);
+        let states = [
+            (1.0, low),
+            (2.0, high),
+            (60.0, high),
+            (3.0, low),
+            (95.0, low),
+        ];
+        let mut reservoir = kept_in(&states);
+        let found = measure(&agent, &mut reservoir, &mut Simple::new(), &scaling).unwrap();
+        assert_eq!((found.kept.rows, found.dropped.rows), (2, 2));
+        let named: Vec<(&str, f64)> = found.named().collect();
+        let state = f64::from((0.3f32.powi(2) + 0.4f32.powi(2)) / 2.0).sqrt();
+        let reward = f64::from(TOO_MUCH);
+        // One of the dropped steps ends in the simulator alone: gamma times the value is missing in its target.
+        let expected = [
+            ("kept_state_error", state),
+            ("kept_reward_error", reward),
+            ("kept_target_error", reward),
+            ("dropped_state_error", state),
+            ("dropped_reward_error", reward),
+            ("dropped_target_error", reward + 0.5 * 8.0 / 2.0),
+        ];
+        assert_eq!(named.len(), expected.len());
+        for ((name, found), (wanted, figure)) in named.into_iter().zip(expected) {
+            assert_eq!(name, wanted);
+            assert!((found - figure).abs() < 1e-5, "{name}: {found} {figure}");
+        }
+    }
+
+    #[test]
+    fn figures_of_rows_that_there_are_not_are_left_out() {
+        let scaling = ObservationScaling::identity(2);
+        let agent = wrong_agent(0.0, [0.0; 2], &scaling);
+        let measured = |states: &[(f64, f32)]| {
+            let mut reservoir = kept_in(states);
+            let env = &mut Simple::new();
+            let errors = measure(&agent, &mut reservoir, env, &scaling);
+            errors.map(|errors| errors.named().map(|(name, _)| name).collect::<Vec<_>>())
+        };
+        assert_eq!(measured(&[]), None);
+        let kept = ["kept_state_error", "kept_reward_error", "kept_target_error"];
+        assert_eq!(measured(&[(0.0, -1000.0)]).unwrap(), kept);
+        let dropped = kept.map(|name| name.replace("kept", "dropped"));
+        assert_eq!(measured(&[(0.0, 1000.0)]).unwrap(), dropped);
+        assert_eq!(measured(&[(95.0, 0.0)]).unwrap(), Vec::<&str>::new());
+    }
+
+    #[test]
+    fn an_agent_that_imagines_nothing_has_nothing_to_measure() {
+        let scaling = ObservationScaling::identity(2);
+        let mut agent = wrong_agent(0.0, [0.0; 2], &scaling);
+        agent.augment = Box::new(crate::agent::augment::Plain);
+        let errors = measure(
+            &agent,
+            &mut kept_in(&[(0.0, 0.0)]),
+            &mut Simple::new(),
+            &scaling,
+        );
+        assert_eq!(errors, None);
+    }
+
+    #[test]
+    fn the_bias_is_a_mean_over_steps_not_over_episodes() {
+        let scaling = ObservationScaling::identity(2);
+        // Everything is worth 8.
+        let agent = wrong_agent(8.0, [0.0; 2], &scaling);
+        let episode = |reward: &[f64]| SeenEpisode {
+            obs: vec![0.0; 2 * (reward.len() + 1)],
+            previous: vec![0.0; reward.len() + 1],
+            action: vec![0.0; reward.len()],
+            reward: reward.to_vec(),
+            terminated: true,
+        };
+        // Returns of 1 and, in the first two of four steps, of 4.25 and 2.5; the last has no step to speak of.
+        let episodes = [
+            episode(&[1.0]),
+            episode(&[3.0, 1.0, 2.0, 2.0]),
+            episode(&[]),
+        ];
+        let expected = (8.0 - 1.0 + 8.0 - 4.25 + 8.0 - 2.5) / 3.0;
+        let found = q_bias(&agent.core, &episodes, 0.5, &scaling).unwrap();
+        assert!((found - expected).abs() < 1e-6, "{found}");
+    }
+
     fn state(elapsed_steps: usize) -> EnvState {
         EnvState {
             time: 0.0,

@@ -575,3 +575,7 @@ fn deviation(config: &Config, i: usize) -> f64 {
 #[cfg(test)]
 #[path = "trainer_tests.rs"]
 mod tests;
+
+#[cfg(test)]
+#[path = "trainer_numbers.rs"]
+mod numbers;

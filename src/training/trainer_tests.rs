@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-struct Notes(Vec<String>);
+pub(super) struct Notes(pub Vec<String>);
 
 impl Monitor for Notes {
     fn step(&mut self, _: &Status) {}
@@ -25,20 +25,20 @@ impl Monitor for Notes {
 }
 
 /// Every number of the observation, the reward, and whether the simulation blew up, of step number n.
-type Script = fn(u32) -> (f64, f64, bool);
+pub(super) type Script = fn(u32) -> (f64, f64, bool);
 
 /// The number of observations in whose step a buffer was full.
 const FULL: f64 = 0.75;
 
 /// A simulation that says what it is told to.
-struct Scripted {
+pub(super) struct Scripted {
     spec: Spec,
     script: Script,
     steps: u32,
 }
 
 impl Scripted {
-    fn put_into(trainer: &mut Trainer, script: Script) {
+    pub fn put_into(trainer: &mut Trainer, script: Script) {
         let spec = trainer.collector.spec().clone();
         trainer.collector.sources[0].main.env = Box::new(Scripted {
             spec,
@@ -99,7 +99,7 @@ impl Env for Scripted {
     }
 }
 
-fn config(steps: u64) -> Config {
+pub(super) fn config(steps: u64) -> Config {
     let mut config = Config::preset(Method::Mamf);
     config.task = "InvertedPendulum-v4".into();
     (config.steps, config.random_steps, config.model_start) = (steps, 40, 20);

@@ -16,6 +16,7 @@ mod paper;
 mod plan;
 mod plots;
 mod properties;
+mod python_policy;
 mod readme;
 mod render;
 mod resume;
