@@ -40,6 +40,9 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct RecordArgs {
+    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
+    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
+    checkpoint: PathBuf,
     #[command(flatten)]
     which: Episodes,
     /// Directory for episode_0001.npz, episode_0001.json and so on; nothing in it is overwritten
@@ -87,10 +90,10 @@ impl Watch for Camera {
 }
 
 fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
-    let checkpoint = Checkpoint::load(&args.which.checkpoint)?;
+    let checkpoint = Checkpoint::load(&args.checkpoint)?;
     let config = &checkpoint.config;
     if config.doubled_actions.is_some() {
-        let path = args.which.checkpoint.display();
+        let path = args.checkpoint.display();
         let text = format!(
             "--checkpoint {path}: its actions are doubled; recordings hold those of the task itself"
         );

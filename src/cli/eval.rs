@@ -1,5 +1,6 @@
 //! `mamf eval`
 
+use super::acting::Acting;
 use super::{Episodes, Misuse, print, report_to_reader, signals};
 use crate::core::files::NewFile;
 use crate::core::parallel::with_threads;
@@ -7,7 +8,7 @@ use crate::core::random::stream;
 use crate::core::table::{Column, Table};
 use crate::env;
 use crate::run::Checkpoint;
-use crate::training::{Evaluation, Evaluator, saved_policy};
+use crate::training::{Evaluation, Evaluator};
 use anyhow::Context;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -16,35 +17,53 @@ use std::process::ExitCode;
 /// Arguments of `mamf eval`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
+    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
+    #[arg(
+        long,
+        value_name = "RUN_OR_CHECKPOINT",
+        required_unless_present = "planner"
+    )]
+    checkpoint: Option<PathBuf>,
+    /// Evaluate the planner of the section [planner] of this configuration instead of the policy, with what the
+    /// checkpoint has learned, if there is one
+    #[arg(long, value_name = "FILE")]
+    planner: Option<PathBuf>,
     #[command(flatten)]
     which: Episodes,
     /// Write one row an episode to this new file
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Refuse a checkpoint of another task than this
+    /// Refuse a checkpoint of another task than this; without a checkpoint, the task to plan in
     #[arg(long, value_name = "ID")]
     task: Option<String>,
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let checkpoint = Checkpoint::load(&args.which.checkpoint)?;
+    let checkpoint = args
+        .checkpoint
+        .as_deref()
+        .map(Checkpoint::load)
+        .transpose()?;
     if let Some(task) = &args.task {
         env::info(task)?;
-        checkpoint.require_task(task)?;
+        if let Some(checkpoint) = &checkpoint {
+            checkpoint.require_task(task)?;
+        }
     }
-    let mut evaluator = Evaluator::new(&checkpoint.config, stream(args.which.seed, "eval"))?;
-    let policy = saved_policy(&checkpoint, evaluator.spec())?;
+    let acting = Acting::of(args.planner.as_deref(), checkpoint, args.task.as_deref())?;
+    let mut evaluator = Evaluator::new(&acting.config, stream(args.which.seed, "eval"))?;
     if args.csv.is_some() {
         signals::leave_nothing_behind()?;
     }
     // Long before it is written, what would be in the way.
     args.csv.as_deref().map(create).transpose()?;
 
-    let threads = checkpoint.config.compute.threads;
+    let threads = acting.config.compute.threads;
     let episodes = args.which.episodes as usize;
-    let evaluation = with_threads(threads, || evaluator.evaluate(&policy, episodes))?;
+    let controller = acting.controller.as_ref();
+    let evaluation = with_threads(threads, || evaluator.evaluate(controller, episodes))?;
 
-    let text = in_words(&checkpoint, &evaluation);
+    let text = in_words(&acting, &evaluation);
     match &args.csv {
         None => print(&text)?,
         Some(path) => {
@@ -56,8 +75,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn in_words(checkpoint: &Checkpoint, e: &Evaluation) -> String {
-    let (task, method) = (&checkpoint.config.task, checkpoint.config.method.name());
+fn in_words(acting: &Acting, e: &Evaluation) -> String {
     let mut table = Table::new([Column::words(""), Column::words("")]);
     let mut row = |what: &str, text: String| table.row([what.to_owned(), text]);
     row("episodes", e.episodes.len().to_string());
@@ -79,7 +97,7 @@ fn in_words(checkpoint: &Checkpoint, e: &Evaluation) -> String {
     if e.buffers_full() > 0 {
         row("buffers full", format!("in {} steps", e.buffers_full()));
     }
-    format!("{task}, {method} after {} steps\n{table}", checkpoint.step)
+    format!("{}, {}\n{table}", acting.config.task, acting.name)
 }
 
 /// Begins the table of episodes, but never over an existing file.

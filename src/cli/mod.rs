@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod acting;
 mod compare;
 mod curves;
 mod demo;
@@ -105,10 +106,7 @@ impl Cli {
 /// Which episodes of which policy are run; the same options give the same episodes everywhere.
 #[derive(Debug, clap::Args)]
 struct Episodes {
-    /// Run directory (its last checkpoint) or checkpoint (for example RUN/checkpoints/best)
-    #[arg(long, value_name = "RUN_OR_CHECKPOINT")]
-    checkpoint: PathBuf,
-    /// Episodes of the deterministic policy
+    /// Episodes, of the deterministic policy unless told otherwise
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     episodes: u32,
     /// Seed of the initial states

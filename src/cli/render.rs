@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use rand::SeedableRng;
 
+use super::acting::Acting;
 use super::progress::bar;
 use super::{Misuse, say, signals};
 use crate::agent::{Controller, Moment, RandomActions, Zero};
@@ -18,7 +19,7 @@ use crate::render::{
 };
 use crate::run::Checkpoint;
 use crate::task::{Spec, Start};
-use crate::training::{Camera, Evaluator, saved_policy};
+use crate::training::{Camera, Evaluator};
 
 /// Episodes that run between two looks at them, one in each environment.
 const AT_ONCE: usize = 2;
@@ -38,6 +39,10 @@ pub struct Args {
     /// Draw the states of a recording
     #[arg(long, value_name = "FILE.npz", group = "what", conflicts_with_all = ["episodes", "seed"])]
     demonstration: Option<PathBuf>,
+    /// Draw the planner of the section [planner] of this configuration in the task, with what the checkpoint has learned, if
+    /// there is one
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["demonstration", "actions"])]
+    planner: Option<PathBuf>,
     /// Actions of --task
     #[arg(long, value_enum, default_value_t = Actions::Zero, conflicts_with_all = ["checkpoint", "demonstration"])]
     actions: Actions,
@@ -157,8 +162,8 @@ fn counted(pictures: u64) -> String {
 
 /// Where episodes come from.
 enum Source {
-    Policy {
-        checkpoint: Box<Checkpoint>,
+    Acting {
+        acting: Box<Acting>,
         evaluator: Box<Evaluator>,
         left: usize,
     },
@@ -180,12 +185,13 @@ impl Source {
         let left = args.episodes as usize;
         // The stream of `mamf eval`, so that both run the same episodes.
         let starts = stream(args.seed, "eval");
-        if let Some(path) = &args.checkpoint {
-            let checkpoint = Box::new(Checkpoint::load(path)?);
-            let evaluator = Box::new(Evaluator::new(&checkpoint.config, starts)?);
-            return Ok(Source::Policy {
-                checkpoint,
-                evaluator,
+        if args.checkpoint.is_some() || args.planner.is_some() {
+            let checkpoint = args.checkpoint.as_deref().map(Checkpoint::load);
+            let planner = args.planner.as_deref();
+            let acting = Acting::of(planner, checkpoint.transpose()?, args.task.as_deref())?;
+            return Ok(Source::Acting {
+                evaluator: Box::new(Evaluator::new(&acting.config, starts)?),
+                acting: Box::new(acting),
                 left,
             });
         }
@@ -214,7 +220,7 @@ impl Source {
 
     fn spec(&self) -> &Spec {
         match self {
-            Source::Policy { evaluator, .. } => evaluator.spec(),
+            Source::Acting { evaluator, .. } => evaluator.spec(),
             Source::Task { env, .. } | Source::Recorded { env, .. } => env.spec(),
         }
     }
@@ -222,8 +228,8 @@ impl Source {
     /// The next episodes, of at most `limit` steps each; `None` when there are no more.
     fn films(&mut self, limit: usize) -> anyhow::Result<Option<Vec<Film>>> {
         Ok(match self {
-            Source::Policy {
-                checkpoint,
+            Source::Acting {
+                acting,
                 evaluator,
                 left,
             } => {
@@ -232,11 +238,11 @@ impl Source {
                 if count == 0 {
                     return Ok(None);
                 }
-                let policy = saved_policy(checkpoint, evaluator.spec())?;
-                let threads = checkpoint.config.compute.threads;
+                let threads = acting.config.compute.threads;
                 let camera = Camera { limit };
+                let controller = acting.controller.as_ref();
                 let seen = with_threads(threads, || {
-                    evaluator.evaluate_watched(&policy, count, &camera)
+                    evaluator.evaluate_watched(controller, count, &camera)
                 })?;
                 Some(seen.into_iter().map(|(_, film)| film).collect())
             }

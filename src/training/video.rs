@@ -34,6 +34,10 @@ impl Watch for Camera {
             film.step(env, step);
         }
     }
+
+    fn ends(&self, film: &Film, step: &Step) -> bool {
+        step.terminated || step.truncated || film.shots().len() > self.limit
+    }
 }
 
 /// Makes sure that the videos which `config` asks for, if any, can be made here.

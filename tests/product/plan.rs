@@ -100,6 +100,68 @@ fn a_checkpoint_proposes_and_judges() {
 }
 
 #[test]
+fn the_planner_is_evaluated_as_a_policy_is() {
+    let place = Place::new();
+    place.train("inverted_pendulum", "run", &[]);
+    place.succeed(&plan("plans", &["--episodes", "2", "--seed", "7"]));
+    place.succeed(&plan(
+        "taught",
+        &["--episodes", "2", "--seed", "7", "--checkpoint", "run"],
+    ));
+    let returns = |table: &str| -> Vec<String> {
+        let text = place.read(table);
+        let fields = text.lines().skip(1).map(|line| line.split(',').nth(1));
+        fields.map(|field| field.unwrap().to_owned()).collect()
+    };
+    let eval = |csv: &str, more: &[&str]| {
+        let options = ["--episodes", "2", "--seed", "7", "--csv", csv];
+        place.succeed(
+            &[
+                &["eval", "--planner", "plans/plan.toml"],
+                &options[..],
+                more,
+            ]
+            .concat(),
+        )
+    };
+    // The same episodes, planned in the same way.
+    let said = eval("plain.csv", &[]);
+    assert!(
+        said.starts_with("InvertedPendulum-v4, planned (icem)\n"),
+        "{said}"
+    );
+    assert_eq!(returns("plain.csv"), returns("plans/plan.csv"));
+    let said = eval("with.csv", &["--checkpoint", "run"]);
+    assert!(
+        said.contains("planned (icem) with mamf after 400 steps"),
+        "{said}"
+    );
+    assert_eq!(returns("with.csv"), returns("taught/plan.csv"));
+    assert_ne!(returns("plain.csv"), returns("with.csv"));
+
+    place.write(
+        "few.toml",
+        "[planner]\nsamples = 4\nelites = 2\nhorizon = 3\n",
+    );
+    place.write("other.toml", "task = \"Hopper-v4\"\n");
+    let task = ["--task", "InvertedPendulum-v4", "--episodes", "1"];
+    place.succeed(&[&["eval", "--planner", "few.toml"], &task[..]].concat());
+    place.refuse(
+        2,
+        &["eval", "--planner", "few.toml"],
+        &["few.toml", "`task`"],
+    );
+    place.refuse(2, &["eval"], &["--checkpoint", "--planner"]);
+    place.refuse(2, &["eval", "--planner", "nowhere.toml"], &["nowhere.toml"]);
+    let other = ["eval", "--planner", "other.toml", "--checkpoint", "run"];
+    place.refuse(
+        2,
+        &other,
+        &["other.toml", "Hopper-v4", "InvertedPendulum-v4"],
+    );
+}
+
+#[test]
 fn what_is_not_worth_keeping_is_thrown_away_and_nothing_kept_is_a_failure() {
     let place = Place::new();
     let keep = ["--episodes", "2", "--keep", "return > 1e6"];
