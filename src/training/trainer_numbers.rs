@@ -1,7 +1,7 @@
 //! What the loop does with the method's figures, to the number: which actions are executed, which rewards and which
 //! observations count, and when.
 
-use super::tests::{Notes, Script, Scripted, config};
+use super::tests::{Notes, Script, Scripted, config, figures};
 use super::*;
 use crate::agent::{Moment, Policy};
 use crate::core::random::{Stream, fill_normal, stream};
@@ -23,14 +23,18 @@ fn idle(steps: u64) -> Config {
 /// The run of these settings, to its end, on a simulation that follows `script`.
 fn trained(config: Config, script: Script) -> Trainer {
     let directory = tempfile::tempdir().unwrap();
-    let mut trainer = fresh(config, &directory.path().join("run"));
+    trained_in(directory.path(), config, script).0
+}
+
+/// The same in a directory that stays, and what it told.
+fn trained_in(directory: &Path, config: Config, script: Script) -> (Trainer, Vec<String>) {
+    let mut trainer = fresh(config, &directory.join("run"));
     let environments = trainer.collector.sources.len();
     Scripted::put_into(&mut trainer, script);
     assert_eq!(environments, 1, "the others would not follow the script");
-    trainer
-        .train(&mut Notes(Vec::new()), &AtomicBool::new(false))
-        .unwrap();
-    trainer
+    let mut notes = Notes(Vec::new());
+    trainer.train(&mut notes, &AtomicBool::new(false)).unwrap();
+    (trainer, notes.0)
 }
 
 fn fresh(config: Config, path: &Path) -> Trainer {
@@ -250,4 +254,52 @@ fn a_round_is_due_where_it_reaches_or_passes_a_multiple() {
         let expected = !due(before, after, 10).is_empty();
         assert_eq!(round(before, after).is_due(10), expected);
     }
+}
+
+#[test]
+fn a_method_without_imagination_begins_phase_2_as_it_is() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut settings = Config::preset(crate::config::Method::Td3);
+    settings.task = "InvertedPendulum-v4".into();
+    (settings.steps, settings.random_steps, settings.batch_size) = (45, 40, 16);
+    settings.updates.every = 1_000_000;
+    let before = fresh(settings.clone(), &directory.path().join("fresh"));
+    let (after, notes) = trained_in(directory.path(), settings, waves);
+    let biases = |trainer: &Trainer| trainer.agent.core.output_biases();
+    assert_eq!(biases(&before), biases(&after));
+    assert!(
+        !notes.iter().any(|note| note.contains("phase 2")),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn returns_and_lengths_of_training_episodes_are_told() {
+    let directory = tempfile::tempdir().unwrap();
+    // Every tenth step blows up, which ends an episode of the nine steps before it.
+    let script: Script = |step| match step % 10 {
+        0 => (f64::NAN, f64::NAN, true),
+        n => (0.5, f64::from(n), false),
+    };
+    let mut settings = idle(40);
+    settings.evaluation.every = 20;
+    let (trainer, _) = trained_in(directory.path(), settings, script);
+    let told = |column| figures(&trainer, "train.csv", column);
+    assert_eq!(told("episodes"), ["2", "2"]);
+    assert_eq!(told("length_mean"), ["9.0", "9.0"]);
+    assert_eq!(told("return_mean"), ["45.0", "45.0"]);
+}
+
+#[test]
+fn the_error_of_the_model_is_that_of_the_newest_transitions() {
+    let directory = tempfile::tempdir().unwrap();
+    let (trainer, _) = trained_in(directory.path(), idle(50), waves);
+    let newest = trainer.replay.newest(trainer.config.batch_size);
+    let expected = trainer
+        .agent
+        .model_error(&newest, &trainer.scaling)
+        .unwrap();
+    let told = figures(&trainer, "train.csv", "model_error");
+    near(told[0].parse().unwrap(), expected);
+    assert!(expected > 0.1, "{expected}");
 }

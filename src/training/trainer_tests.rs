@@ -262,7 +262,7 @@ fn full_buffers_are_counted_and_told_once() {
 }
 
 /// The figures of a column of a curve.
-fn figures(trainer: &Trainer, file: &str, column: &str) -> Vec<String> {
+pub(super) fn figures(trainer: &Trainer, file: &str, column: &str) -> Vec<String> {
     let text = std::fs::read_to_string(trainer.directory.path().join(file)).unwrap();
     let mut lines = text.lines();
     let place = lines
