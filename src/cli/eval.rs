@@ -60,8 +60,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
     let threads = acting.config.compute.threads;
     let episodes = args.which.episodes as usize;
-    let controller = acting.controller.as_ref();
-    let evaluation = with_threads(threads, || evaluator.evaluate(controller, episodes))?;
+    let controller = acting.controller.another();
+    let evaluation = with_threads(threads, move || {
+        evaluator.evaluate(controller.as_ref(), episodes)
+    })?;
 
     let text = in_words(&acting, &evaluation);
     match &args.csv {

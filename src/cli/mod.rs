@@ -30,7 +30,6 @@ use crate::training::{PlanError, TrainError};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Parser, Subcommand};
 use std::io::Write;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Exit code of a run that failed.

@@ -240,9 +240,9 @@ impl Source {
                 }
                 let threads = acting.config.compute.threads;
                 let camera = Camera { limit };
-                let controller = acting.controller.as_ref();
-                let seen = with_threads(threads, || {
-                    evaluator.evaluate_watched(controller, count, &camera)
+                let controller = acting.controller.another();
+                let seen = with_threads(threads, move || {
+                    evaluator.evaluate_watched(controller.as_ref(), count, &camera)
                 })?;
                 Some(seen.into_iter().map(|(_, film)| film).collect())
             }

@@ -151,7 +151,7 @@ fn the_planner_is_evaluated_as_a_policy_is() {
         &["eval", "--planner", "few.toml"],
         &["few.toml", "`task`"],
     );
-    place.refuse(2, &["eval"], &["--checkpoint", "--planner"]);
+    place.refuse(2, &["eval"], &["--checkpoint"]);
     place.refuse(2, &["eval", "--planner", "nowhere.toml"], &["nowhere.toml"]);
     let other = ["eval", "--planner", "other.toml", "--checkpoint", "run"];
     place.refuse(
