@@ -281,6 +281,7 @@ fn is_misuse_of_training(error: &TrainError) -> bool {
             DemonstrationError::Find(_) | DemonstrationError::Task { .. }
         ),
         TrainError::Memory(_)
+        | TrainError::Networks { .. }
         | TrainError::Changed { .. }
         | TrainError::NotResumable(_)
         | TrainError::OtherDemonstrations(_)

@@ -12,6 +12,7 @@ use crate::run::Checkpoint;
 use crate::task::Step;
 use crate::training::{self, EpisodeResult, Evaluator, Plan, PlanRow, Watch};
 use indicatif::ProgressBar;
+use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -59,6 +60,15 @@ enum Keep {
     Success,
     /// Those with a higher return.
     Above(f64),
+}
+
+impl fmt::Display for Keep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Keep::Success => f.write_str("success"),
+            Keep::Above(least) => write!(f, "return > {least}"),
+        }
+    }
 }
 
 impl FromStr for Keep {
@@ -144,24 +154,32 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         env!("CARGO_PKG_VERSION"),
         config.planner.method.name()
     );
+    let mut learned = String::new();
     if let Some(path) = &args.checkpoint {
         let checkpoint = Checkpoint::load(path)?;
         checkpoint.require_task(&config.task)?;
+        let [then, now] = [&checkpoint.config, &config].map(|config| config.action_coupling);
+        if then != now {
+            let text = format!(
+                "action_coupling = {now}: the policy of --checkpoint was trained with {then}; --set action_coupling={then}"
+            );
+            return Err(Misuse(text).into());
+        }
         let (policy, worth) = training::learned(&checkpoint, env.spec(), &config.planner)?;
         planner = planner.with(Some(policy), worth);
         let (method, step) = (checkpoint.config.method.name(), checkpoint.step);
+        learned = format!(", {method} after {step} steps");
         source += &format!(" with {method} after {step} steps");
     }
     let mut evaluator = Evaluator::new(&config, stream(args.seed, "eval"))?;
     let (episodes, seed) = (args.episodes as usize, args.seed);
-    let said = [
-        format!("# seed = {seed}\n"),
-        match &args.checkpoint {
-            Some(path) => format!("# checkpoint = {path:?}\n"),
-            None => String::new(),
-        },
-    ]
-    .concat();
+    let mut said = format!("# seed = {seed}\n");
+    if let Some(path) = &args.checkpoint {
+        said += &format!("# checkpoint = {path:?}{learned}\n");
+    }
+    if let Some(keep) = args.keep {
+        said += &format!("# keep = {keep}\n");
+    }
     let mut plan = Plan::open(&args.out, &config, &said, args.resume)?;
     let begun = plan.rows().len();
     if begun > 0 {
@@ -203,7 +221,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 watcher.bar.suspend(|| say(&line(&row)));
             }
             watcher.bar.finish_and_clear();
-            Ok(report(&plan, episodes))
+            Ok(report(&plan))
         },
     )?
 }
@@ -251,9 +269,10 @@ fn line(row: &PlanRow) -> String {
 }
 
 /// Says what there is; that nothing was kept is a failure.
-fn report(plan: &Plan, episodes: usize) -> ExitCode {
+fn report(plan: &Plan) -> ExitCode {
     let kept = plan.rows().iter().filter(|row| row.kept).count();
-    let thrown = plan.rows().len() - kept;
+    let episodes = plan.rows().len();
+    let thrown = episodes - kept;
     let out = plan.path().display();
     say(&format!(
         "{kept} of {episodes} episodes kept, {thrown} thrown away: {out}"

@@ -1,7 +1,7 @@
 //! `mamf train`
 
 use super::progress::Progress;
-use super::{FAILED, INTERRUPTED, say, setting, signals, tell, whole};
+use super::{FAILED, INTERRUPTED, Misuse, say, setting, signals, tell, whole};
 use crate::config::{self, Overrides};
 use crate::run::{LockError, ReplayMemory, RunDirectory, RunDirectoryError};
 use crate::training::{self, Monitor, Outcome, ResumeOptions, Resumed, TrainError, Trainer};
@@ -91,6 +91,14 @@ fn begin(
 ) -> anyhow::Result<Trainer> {
     let config = config::read(file, overrides)?;
     let path = out.map_or_else(|| RunDirectory::default_path(&config), Path::to_owned);
+    let from = &config.networks.from;
+    if !from.is_empty() && lies_in(from.as_ref(), &path) {
+        let out = path.display();
+        let text = format!(
+            "networks.from = {from:?}: lies in {out}, where this run would go; choose another --out"
+        );
+        return Err(Misuse(text).into());
+    }
     let env = training::make_env(&config)?;
     let demonstrations = training::demonstrations(&config, env.spec())?;
     let memory = ReplayMemory::of(&config, env.spec());
@@ -102,6 +110,14 @@ fn begin(
         Ok(directory)
     };
     Ok(Trainer::new(config, env, demonstrations, directory)?)
+}
+
+/// Whether `path` is `folder` or something in it; not where either is not there.
+fn lies_in(path: &Path, folder: &Path) -> bool {
+    match (path.canonicalize(), folder.canonicalize()) {
+        (Ok(path), Ok(folder)) => path.starts_with(folder),
+        _ => false,
+    }
 }
 
 fn resume(

@@ -238,7 +238,9 @@ impl Concern {
             Concern::Imagination => Some("imagines no other actions"),
             Concern::Expansion => Some("expands no values"),
             Concern::Temperature => Some("has no temperature"),
-            Concern::Deterministic => Some("imitates nothing: its policy is stochastic"),
+            Concern::Deterministic => {
+                Some("has a stochastic policy, which neither imitates nor is kept from saturating")
+            }
             Concern::TwinCritics => Some("has one critic"),
             Concern::Smoothing => Some("does not smooth the target policy"),
             Concern::ExplorationNoise => Some("explores by its policy's own noise"),

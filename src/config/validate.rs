@@ -12,9 +12,13 @@ pub(super) struct Violation {
     pub expected: String,
 }
 
+/// Most actions, samples times horizon, that a planner's iteration may hold: some 1 GB of the widest ones.
+const MOST_PLANNED: usize = 10_000_000;
+
 /// First violated relation of `config`.
 pub(super) fn check(config: &Config) -> Result<(), Violation> {
     let c = config;
+    let drops = env::info(&c.task).is_ok_and(|info| info.drops);
     let d = &c.demonstrations;
     require(
         d.probability + d.reset_probability <= 1.0,
@@ -61,6 +65,16 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         },
     )?;
     let p = &c.planner;
+    let most = MOST_PLANNED / p.horizon;
+    require(p.samples <= most, "planner.samples", || {
+        format!(
+            "at most {most} beside planner.horizon = {}, for an iteration is kept in memory",
+            p.horizon
+        )
+    })?;
+    require(p.drop_cost == 0.0 || drops, "planner.drop_cost", || {
+        format!("0: in {} nothing can be dropped for good", c.task)
+    })?;
     require(
         p.every == 0 || c.doubled_actions.is_none(),
         "planner.every",
@@ -93,7 +107,7 @@ pub(super) fn check(config: &Config) -> Result<(), Violation> {
         )?;
     }
     require(
-        !c.exploration.end_when_dropped || env::info(&c.task).is_ok_and(|info| info.drops),
+        !c.exploration.end_when_dropped || drops,
         "exploration.end_when_dropped",
         || {
             format!(

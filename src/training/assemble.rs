@@ -187,21 +187,11 @@ impl Trainer {
     ) -> Result<Trainer, TrainError> {
         let spec = env.spec();
         let rules = make_rules(&config, spec)?;
-        let (mut agent, begun_with) = match &config.networks.from {
-            none if none.is_empty() => (fresh_agent(&config, spec, rules), None),
-            path => {
-                let found = Checkpoint::load(Path::new(path))?;
-                found.require_task(&config.task)?;
-                let misfit = |error| found.misfit(error);
-                let weights = found.weights();
-                let scaling = ObservationScaling::load(spec.obs_size, weights).map_err(misfit)?;
-                let agent = saved_agent(&config, spec, rules, weights).map_err(misfit)?;
-                let moments = match found.config.scaling.enabled {
-                    true => RunningMoments::of(&scaling, found.step),
-                    false => RunningMoments::new(spec.obs_size),
-                };
-                (agent, Some((scaling, moments)))
-            }
+        let begun_with = begun_with(&config)?;
+        let mut agent = match &begun_with {
+            None => fresh_agent(&config, spec, rules),
+            Some(found) => saved_agent(&config, spec, rules, found.weights())
+                .map_err(|error| found.misfit(error))?,
         };
         agent.recorded = recorded(&config, demonstrations.as_ref())?;
         let replay = empty_replay(&config, spec)?;
@@ -219,9 +209,12 @@ impl Trainer {
             agent,
             replay,
         )?;
-        if let Some((scaling, moments)) = begun_with {
-            trainer.scaling = scaling;
-            trainer.moments = moments;
+        if let Some(found) = begun_with {
+            let scaling = ObservationScaling::load(trainer.moments.size(), found.weights());
+            trainer.scaling = scaling.map_err(|error| found.misfit(error))?;
+            if trainer.config.scaling.enabled {
+                trainer.moments = RunningMoments::of(&trainer.scaling, found.step);
+            }
         }
         Ok(trainer)
     }
@@ -268,6 +261,49 @@ impl Trainer {
             directory,
             curves,
         })
+    }
+}
+
+/// The checkpoint whose networks a run of `config` begins with, if it does not begin with fresh ones.
+fn begun_with(config: &Config) -> Result<Option<Checkpoint>, TrainError> {
+    let from = &config.networks.from;
+    if from.is_empty() {
+        return Ok(None);
+    }
+    let refused = |reason: String| TrainError::Networks {
+        path: from.clone(),
+        reason,
+    };
+    let found = Checkpoint::load(Path::new(from)).map_err(|error| refused(error.to_string()))?;
+    let differences = found.config.differences(config);
+    // What the same numbers would mean something else under, or would not fit.
+    let matters = |key: &str| {
+        let keys = ["task", "method", "action_coupling", "networks.hidden"];
+        let more = [
+            "networks.critic_normalisation",
+            "scaling.enabled",
+            "rules.reward",
+        ];
+        keys.contains(&key)
+            || more.contains(&key)
+            || key.starts_with("doubled_actions")
+            || key == "model.hidden"
+            || key == "model.predict"
+    };
+    match differences
+        .into_iter()
+        .find(|difference| matters(&difference.key))
+    {
+        None => Ok(Some(found)),
+        Some(difference) => {
+            let [then, now] = difference
+                .values
+                .map(|value| value.unwrap_or("unset".into()));
+            let key = &difference.key;
+            Err(refused(format!(
+                "trained with {key} = {then}, and this run has {now}"
+            )))
+        }
     }
 }
 

@@ -41,6 +41,14 @@ pub enum TrainError {
         /// The working directory, where they were not found and their path is relative to it.
         base: Option<PathBuf>,
     },
+    /// A run can't begin with the networks that it asks for.
+    #[error("networks.from = {path:?}: {reason}")]
+    Networks {
+        /// The run or checkpoint.
+        path: String,
+        /// Why not.
+        reason: String,
+    },
     /// An episode that the planner made can't be recorded.
     #[error("{}: {error}", stem.display())]
     Planned {

@@ -13,9 +13,9 @@ use crate::nn::ObservationScaling;
 use crate::planning::{PlannerSettings, Worthwhile};
 use crate::recordings::demo::EpisodeRecorder;
 use crate::recordings::{Demonstrations, Sizes};
-use crate::run::RunDirectory;
 use crate::run::checkpoint::damaged;
-use crate::task::Step;
+use crate::run::{CheckpointError, RunDirectory};
+use crate::task::{Spec, Step};
 use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -26,8 +26,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(super) struct Guidance {
     env: Box<dyn Inspect>,
     rng: Stream,
-    /// Episodes planned so far.
-    planned: usize,
+    /// Of each episode planned so far; none of one that was not recorded, for it diverged at once.
+    planned: Vec<Option<Checksum>>,
     began_with: Checksum,
     /// The recordings that the run began with, and the planned ones after them.
     pub demonstrations: Arc<Demonstrations>,
@@ -37,11 +37,9 @@ pub(super) struct Guidance {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct GuidanceState {
     rng: Stream,
-    planned: usize,
+    planned: Vec<Option<Checksum>>,
     /// Of the recordings that the run began with.
     began_with: Checksum,
-    /// Of all demonstrations, the planned ones too.
-    checksum: Checksum,
 }
 
 /// What came of an episode that was due.
@@ -67,7 +65,7 @@ impl Guidance {
         Ok(Some(Guidance {
             env: make_env(config)?,
             rng: stream(config.seed, "planner"),
-            planned: 0,
+            planned: Vec::new(),
             began_with: demonstrations.checksum(),
             demonstrations: Arc::clone(demonstrations),
         }))
@@ -76,7 +74,7 @@ impl Guidance {
     /// Whether an episode is due after `step` steps.
     pub fn is_due(&self, config: &Config, step: u64) -> bool {
         let learning = step.saturating_sub(config.random_steps);
-        learning / config.planner.every > self.planned as u64
+        learning / config.planner.every > self.planned.len() as u64
     }
 
     /// Plans an episode from a reset with the policy and the critics of `agent`, and records it beside the run.
@@ -112,41 +110,30 @@ impl Guidance {
         if stop.load(Ordering::Relaxed) {
             return Ok(Planned::Abandoned);
         }
+        let number = self.planned.len();
+        let mut checksum = None;
         if result.length > 0 {
-            let stem = stem(directory, self.planned);
-            let files = directory.files();
-            files.create_dir(&directory.planned())?;
+            let stem = stem(directory, number);
+            directory.files().create_dir(&directory.planned())?;
             // What a run that was cut off left there.
-            remove_from(directory, self.planned)?;
-            let saved = recorder.save(&stem, config.seed, self.planned);
+            remove_from(directory, number)?;
+            let saved = recorder.save(&stem, config.seed, number);
             saved.map_err(|error| TrainError::Planned { stem, error })?;
+            let made = load(directory, number, self.env.spec())?;
+            checksum = Some(made.checksum());
+            self.demonstrations = Arc::new(self.demonstrations.with(made));
         }
-        self.add(directory, self.planned)?;
         self.rng = rng;
-        self.planned += 1;
+        self.planned.push(checksum);
         Ok(Planned::Made(result))
-    }
-
-    /// Has episode number `number` join the demonstrations; one of no step at all was not recorded.
-    fn add(&mut self, directory: &RunDirectory, number: usize) -> Result<(), TrainError> {
-        let path = stem(directory, number).with_extension("npz");
-        if path.exists() {
-            let sizes = Sizes::of(self.env.spec());
-            let loaded = Demonstrations::load(&path, &sizes);
-            let loaded =
-                loaded.map_err(|error| TrainError::Demonstrations { error, base: None })?;
-            self.demonstrations = Arc::new(self.demonstrations.with(loaded));
-        }
-        Ok(())
     }
 
     /// What it goes on from.
     pub fn snapshot(&self) -> GuidanceState {
         GuidanceState {
             rng: self.rng.clone(),
-            planned: self.planned,
+            planned: self.planned.clone(),
             began_with: self.began_with,
-            checksum: self.demonstrations.checksum(),
         }
     }
 
@@ -164,12 +151,8 @@ impl Guidance {
             let path = config.demonstrations.path.clone();
             return Err(TrainError::OtherDemonstrations(path));
         }
-        for number in 0..state.planned {
-            self.add(directory, number)?;
-        }
-        if self.demonstrations.checksum() != state.checksum {
-            let reason = "these are not the episodes that the run had planned".to_owned();
-            return Err(damaged(directory.planned(), reason).into());
+        for planned in state.episodes(directory, self.env.spec()) {
+            self.demonstrations = Arc::new(self.demonstrations.with(planned?));
         }
         self.rng = state.rng;
         self.planned = state.planned;
@@ -178,8 +161,44 @@ impl Guidance {
 
     /// Removes from disk the episodes that were planned after the checkpoint that the run goes on from.
     pub fn forget_later(&self, directory: &RunDirectory) -> Result<(), FileError> {
-        remove_from(directory, self.planned)
+        remove_from(directory, self.planned.len())
     }
+}
+
+impl GuidanceState {
+    /// The recorded episodes, each of which must be the one that the run had planned.
+    pub fn episodes(
+        &self,
+        directory: &RunDirectory,
+        spec: &Spec,
+    ) -> impl Iterator<Item = Result<Demonstrations, CheckpointError>> {
+        let numbered = self.planned.iter().enumerate();
+        let recorded = numbered.filter_map(|(number, checksum)| Some((number, (*checksum)?)));
+        recorded.map(move |(number, checksum)| {
+            let found = load(directory, number, spec)?;
+            if found.checksum() == checksum {
+                return Ok(found);
+            }
+            let path = stem(directory, number).with_extension("npz");
+            Err(damaged(
+                path,
+                "it is not the episode that the run had planned",
+            ))
+        })
+    }
+}
+
+/// Episode number `number`, from 0.
+fn load(
+    directory: &RunDirectory,
+    number: usize,
+    spec: &Spec,
+) -> Result<Demonstrations, CheckpointError> {
+    let path = stem(directory, number).with_extension("npz");
+    if !path.exists() {
+        return Err(damaged(path, "it is missing"));
+    }
+    Demonstrations::load(&path, &Sizes::of(spec)).map_err(|error| damaged(path, error))
 }
 
 /// The files of episode number `number`, from 0, without their endings.

@@ -93,6 +93,7 @@ impl Plan {
                 path: path.to_owned(),
                 rows,
             };
+            plan.check(&log)?;
             plan.clear_next()?;
             return Ok(plan);
         }
@@ -152,6 +153,25 @@ impl Plan {
         Ok(Files::default().replace(&path, &bytes)?)
     }
 
+    /// Makes sure that the recordings that the `log` tells of are there, and no others but for the next one, which an
+    /// interruption may have left.
+    fn check(&self, log: &Path) -> Result<(), PlanError> {
+        let wrong = |path: &Path, reason: &str| PlanError::Log {
+            path: path.to_owned(),
+            reason: reason.to_owned(),
+        };
+        let files = |episode| ["npz", "json"].map(|end| self.stem(episode).with_extension(end));
+        for row in self.rows.iter().filter(|row| row.kept) {
+            if let Some(lost) = files(row.episode - 1).iter().find(|path| !path.exists()) {
+                return Err(wrong(lost, "plan.csv tells of it, but it is not there"));
+            }
+        }
+        if files(self.rows.len() + 1).iter().any(|path| path.exists()) {
+            return Err(wrong(log, "there are more recordings than it tells of"));
+        }
+        Ok(())
+    }
+
     /// Removes what an interruption left of the next episode, which has no row yet.
     fn clear_next(&self) -> Result<(), PlanError> {
         let stem = self.stem(self.rows.len());
@@ -167,6 +187,7 @@ impl Plan {
 /// Makes sure that what was planned at `path` was planned under the same settings.
 fn compare(path: &Path, settings: &Path, config: &Config, said: &str) -> Result<(), PlanError> {
     let text = fs::read_to_string(settings).map_err(FileError::at(settings))?;
+    let planned = config::read_resolved(settings, &Overrides::default())?;
     let changed = |key: &str, then: String, now: String| PlanError::Changed {
         path: path.to_owned(),
         key: key.to_owned(),
@@ -181,8 +202,7 @@ fn compare(path: &Path, settings: &Path, config: &Config, said: &str) -> Result<
     if then != now {
         return Err(changed("options", then.join(", "), now.join(", ")));
     }
-    let then = config::read_resolved(settings, &Overrides::default())?;
-    for difference in then.differences(config) {
+    for difference in planned.differences(config) {
         let plans = difference.key.starts_with("planner.")
             || ["task", "action_coupling"].contains(&difference.key.as_str());
         if plans || difference.on_resume() == Resume::Fixed {
@@ -204,6 +224,12 @@ fn read(log: &Path) -> Result<Vec<PlanRow>, PlanError> {
         reason,
     };
     let mut reader = csv::Reader::from_path(log).map_err(|error| broken(error.to_string()))?;
+    let begins = reader
+        .headers()
+        .map_err(|error| broken(error.to_string()))?;
+    if begins.get(0) != Some("episode") {
+        return Err(broken("it is no table of planned episodes".to_owned()));
+    }
     let rows: Result<Vec<PlanRow>, _> = reader.deserialize().collect();
     let rows = rows.map_err(|error| broken(error.to_string()))?;
     match (1..)

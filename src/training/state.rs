@@ -437,6 +437,13 @@ impl Point {
         let wrong = |name: &str, error: String| damaged(path.join(name), error);
         let state: TrainerState = ciborium::from_reader(read(STATE)?.as_slice())
             .map_err(|error| wrong(STATE, error.to_string()))?;
+        for episode in state
+            .guidance
+            .iter()
+            .flat_map(|g| g.episodes(directory, spec))
+        {
+            episode?;
+        }
         let moments = Weights::from_bytes(&read(OPTIMIZERS)?);
         let (arrays, _) = moments.map_err(|error| wrong(OPTIMIZERS, error.to_string()))?;
         for (name, seal) in &manifest.curves {

@@ -158,6 +158,12 @@ impl Trainer {
             ));
         }
         self.tell_of_demonstrations(monitor);
+        let every = self.config.planner.every;
+        if every > 0 && random_steps.saturating_add(every) > steps {
+            monitor.note(&format!(
+                "planner.every = {every}: {steps} steps end before the first episode is planned"
+            ));
+        }
         let mut controllers = self.controllers();
         if self.step == 0 {
             self.evaluate(monitor)?;

@@ -326,20 +326,32 @@ fn a_run_begins_with_the_networks_of_another() {
     assert_eq!(eval("first"), eval("second"));
     assert_ne!(eval("first"), eval("fresh"));
 
-    let refuse = |settings: &[&str], parts: &[&str]| {
-        let arguments = small_run("hopper", "refused", &[&["method=td3"], settings].concat());
-        place.refuse(1, &arguments, parts);
+    let refuse = |change: &str, parts: &[&str]| {
+        let from = ["networks.from=first", change];
+        let arguments = small_run("hopper", "refused", &[&settings[..], &from].concat());
+        place.refuse(2, &arguments, &[&["networks.from"], parts].concat());
         assert!(!place.path("refused").exists());
     };
-    refuse(&["networks.from=nowhere"], &["nowhere"]);
-    refuse(
-        &["networks.from=first", "networks.hidden=[8]"],
-        &["first", "weights.safetensors", "actor"],
+    refuse("networks.from=nowhere", &["nowhere"]);
+    refuse("task=Walker2d-v4", &["task", "Hopper-v4", "Walker2d-v4"]);
+    // What would not fit, and what would fit and mean something else.
+    for change in [
+        "networks.hidden=[8]",
+        "networks.critic_normalisation=layer",
+        "action_coupling=0.5",
+        "method=ddpg",
+        "scaling.enabled=true",
+    ] {
+        let key = change.split('=').next().unwrap();
+        refuse(change, &["\"first\"", key]);
+    }
+    let mut onto_itself = small_run(
+        "hopper",
+        "first",
+        &[&settings[..], &["networks.from=first"]].concat(),
     );
-    refuse(
-        &["networks.from=first", "task=Walker2d-v4"],
-        &["first", "Hopper-v4", "Walker2d-v4"],
-    );
+    onto_itself.push("--force".into());
+    place.refuse(2, &onto_itself, &["networks.from", "first", "--out"]);
 }
 
 #[test]
@@ -475,6 +487,18 @@ fn settings_that_are_wrong_are_refused_and_nothing_is_written() {
                 "`exploration.end_when_dropped`",
                 "Hopper-v4",
                 "nothing can be dropped",
+            ],
+        ),
+        (
+            "planner.drop_cost=1",
+            &["`planner.drop_cost`", "Hopper-v4", "nothing can be dropped"],
+        ),
+        (
+            "planner.samples=1_000_000",
+            &[
+                "`planner.samples`",
+                "at most 500000",
+                "planner.horizon = 20",
             ],
         ),
         ("planner.every=-1", &["`planner.every`", "not negative"]),

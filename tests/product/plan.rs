@@ -62,6 +62,59 @@ fn planned_episodes_are_recordings_and_a_resumed_plan_is_the_whole_one() {
 }
 
 #[test]
+fn a_plan_goes_on_only_as_it_was_and_with_all_that_it_kept() {
+    let place = Place::new();
+    place.succeed(&plan("whole", &["--episodes", "3"]));
+    let refuse = |code, name: &str, change: &dyn Fn(&Place), more: &[&str], parts: &[&str]| {
+        place.copy("whole", name);
+        change(&place);
+        let more = [&["--episodes", "4", "--resume"], more].concat();
+        place.refuse(code, &plan(name, &more), parts);
+    };
+    let remove =
+        |path: &'static str| move |place: &Place| std::fs::remove_file(place.path(path)).unwrap();
+    let write =
+        |path: &'static str, text: &'static str| move |place: &Place| place.write(path, text);
+    refuse(
+        1,
+        "a",
+        &remove("a/episode_0002.npz"),
+        &[],
+        &["a/episode_0002.npz", "not there"],
+    );
+    refuse(
+        1,
+        "b",
+        &remove("b/plan.csv"),
+        &[],
+        &["b/plan.csv", "more recordings"],
+    );
+    refuse(
+        1,
+        "c",
+        &write("c/plan.csv", ""),
+        &[],
+        &["c/plan.csv", "no table"],
+    );
+    refuse(
+        1,
+        "d",
+        &write("d/plan.csv", "a,b\n"),
+        &[],
+        &["d/plan.csv", "no table"],
+    );
+    refuse(
+        1,
+        "e",
+        &write("e/plan.toml", "x = [\n"),
+        &[],
+        &["e/plan.toml", "TOML"],
+    );
+    let keep = ["--keep", "return > 3"];
+    refuse(2, "f", &|_| (), &keep, &["keep = return > 3"]);
+}
+
+#[test]
 fn a_checkpoint_proposes_and_judges() {
     let place = Place::new();
     place.train("inverted_pendulum", "run", &[]);

@@ -460,7 +460,7 @@ fn a_single_run_is_enough() {
 fn folders_of_one_task_have_panels_of_their_own() {
     let Some(python) = python() else { return };
     let place = Place::new();
-    for (seed, sweep) in [(0, "first"), (1, "second")] {
+    for (seed, sweep) in [(0, "first"), (1, "$x_1$")] {
         let run = Run::new("Hopper-v4", "mamf", seed, 20.0, 40.0);
         run.write(&place);
         fs::create_dir_all(place.path(sweep)).unwrap();
@@ -469,7 +469,7 @@ fn folders_of_one_task_have_panels_of_their_own() {
     let curves = |more: &[&str]| {
         let fixed = [
             "first",
-            "second",
+            "$x_1$",
             "--out",
             "figures",
             "--figures",
@@ -480,10 +480,10 @@ fn folders_of_one_task_have_panels_of_their_own() {
         succeed(python, &place, &[&fixed[..], more].concat());
         place.read("figures/curves.svg")
     };
-    // Drawn on top of one another in one panel only when asked for.
+    // A name is no formula. Drawn on top of one another in one panel only when asked for.
     let apart = curves(&[]);
     assert!(apart.contains("mamf (1 seed)"));
-    for title in ["(first/runs/Hopper-v4)", "(second/runs/Hopper-v4)"] {
+    for title in ["(first/runs/Hopper-v4)", "($x_1$/runs/Hopper-v4)"] {
         assert!(apart.contains(title), "{title}");
     }
     assert!(curves(&["--merge"]).contains("mamf (2 seeds)"));

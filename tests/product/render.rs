@@ -202,6 +202,40 @@ fn videos_are_made_by_ffmpeg_or_not_at_all() {
 }
 
 #[test]
+fn an_ffmpeg_that_talks_without_end_holds_nothing_up() {
+    use std::os::unix::fs::PermissionsExt;
+    if !can_draw() {
+        return;
+    }
+    let place = Place::new();
+    std::fs::create_dir(place.path("bin")).unwrap();
+    // More than any pipe holds, before it takes a picture.
+    let script = "#!/bin/sh\nhead -c 3000000 /dev/zero | tr '\\0' x >&2\ncat > /dev/null\n";
+    let path = format!("{}:/usr/bin:/bin", place.path("bin").display());
+    let run = |ending: &str, out: &str| {
+        place.write("bin/ffmpeg", format!("{script}{ending}"));
+        let executable = std::fs::Permissions::from_mode(0o755);
+        std::fs::set_permissions(place.path("bin/ffmpeg"), executable).unwrap();
+        let mut command = place.command(&render(&REACHER, out));
+        command.env("PATH", &path).output().unwrap()
+    };
+    let made = run(
+        "for last; do :; done\necho video > \"${last#file:}\"\n",
+        "x.mp4",
+    );
+    assert!(made.status.success(), "{:.500}", stderr(&made));
+    assert_eq!(place.read("x.mp4"), "video\n");
+    let failed = run("echo no such codec >&2\nexit 1\n", "y.mp4");
+    assert_eq!(failed.status.code(), Some(1));
+    let said = stderr(&failed);
+    assert!(
+        said.contains("y.mp4") && said.contains("no such codec"),
+        "{said:.500}"
+    );
+    assert!(!place.path("y.mp4").exists());
+}
+
+#[test]
 fn an_interrupt_leaves_nothing_behind() {
     if !can_draw() {
         return;

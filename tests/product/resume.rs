@@ -82,6 +82,56 @@ fn a_resumed_run_is_the_uninterrupted_one_for_every_method() {
 }
 
 #[test]
+fn a_planned_episode_that_is_lost_costs_the_checkpoints_that_need_it() {
+    let place = Place::new();
+    let settings = [
+        "method=td3",
+        "steps=150",
+        "random_steps=60",
+        "evaluation.every=75",
+        "evaluation.episodes=1",
+        "checkpoint.every=35",
+        "planner.every=20",
+        "planner={horizon=2, samples=4, elites=2, iterations=1, first_iterations=1, drop_cost=5}",
+        "planner.patience=5",
+    ];
+    let output = place.run(&small_run("pen_spin", "whole", &settings));
+    assert!(output.status.success(), "{output:?}");
+    let resume = |run: &str| place.run(&["train", "--resume", run, "--steps", "155"]);
+    let archive = |number: usize| format!("planned/episode_00000{number}.npz");
+    assert!(place.path("whole").join(archive(4)).exists());
+    for run in ["lost", "other", "first"] {
+        place.copy("whole", run);
+    }
+    assert!(resume("whole").status.success());
+
+    // The last checkpoint knows the fourth episode, the one before it three.
+    fs::remove_file(place.path("lost").join(archive(4))).unwrap();
+    fs::copy(
+        place.path("other").join(archive(1)),
+        place.path("other").join(archive(4)),
+    )
+    .unwrap();
+    for run in ["lost", "other"] {
+        let output = resume(run);
+        assert!(output.status.success(), "{output:?}");
+        let said = stderr(&output);
+        assert!(
+            said.contains(&archive(4)) && said.contains("the checkpoint before it"),
+            "{said}"
+        );
+        assert_same(&place, "whole", run, run);
+    }
+    // All of them know the first.
+    fs::remove_file(place.path("first").join(archive(1))).unwrap();
+    place.refuse(
+        1,
+        &["train", "--resume", "first", "--steps", "155"],
+        &[&archive(1), "missing"],
+    );
+}
+
+#[test]
 fn a_resumed_run_is_the_uninterrupted_one_for_every_kind_of_task() {
     const TINY: [&str; 6] = [
         "steps=150",

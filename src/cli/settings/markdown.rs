@@ -57,9 +57,9 @@ const RELATIONS: &str = "\
 
 ## Paper and released code
 
-Where the paper and its released code differ, the default is the paper's. The released code has
-`imagination.target_comparison = \"greater\"`, `imagination.uncertainty_scale = \"batch_max\"`,
-`imagination.imaginary_loss_mean = \"batch\"` and `rules.velocity = \"start\"`.
+Where the paper and its released code differ, the default is that of the released code, but for `rules.velocity`, which
+is \"start\" there. `imagination.readings = \"text\"` stands for the paper's text: `imagination.target_comparison =
+\"greater_equal\"`, `imagination.uncertainty_scale = \"running_max\"`, `imagination.imaginary_loss_mean = \"kept\"`.
 
 ";
 
