@@ -39,7 +39,7 @@ impl Acting {
     ///
     /// # Errors
     /// When its arrays do not fit its task.
-    pub fn policy(checkpoint: Checkpoint) -> anyhow::Result<Acting> {
+    fn policy(checkpoint: Checkpoint) -> anyhow::Result<Acting> {
         let spec = training::make_env(&checkpoint.config)?.spec().clone();
         Ok(Acting {
             controller: Box::new(saved_policy(&checkpoint, &spec)?),
@@ -53,7 +53,7 @@ impl Acting {
     ///
     /// # Errors
     /// When the file can't be read, is of another task than the checkpoint, or something is missing.
-    pub fn planner(
+    fn planner(
         file: &Path,
         checkpoint: Option<Checkpoint>,
         task: Option<&str>,
@@ -86,11 +86,8 @@ impl Acting {
             planner: read.planner,
             ..checkpoint.config.clone()
         };
-        let spec = training::make_env(&config)?.spec().clone();
-        let (policy, worth) = training::learned(&checkpoint, &spec, &config.planner)?;
-        let planner = training::planner(&config)?.with(Some(policy), worth);
         Ok(Acting {
-            controller: Box::new(planner),
+            controller: Box::new(training::taught_planner(&config, &checkpoint)?),
             name: format!("planned ({method}) with {}", name(&checkpoint)),
             config,
         })
@@ -98,7 +95,7 @@ impl Acting {
 }
 
 /// The method of a checkpoint and its age.
-fn name(checkpoint: &Checkpoint) -> String {
+pub(super) fn name(checkpoint: &Checkpoint) -> String {
     let method = checkpoint.config.method.name();
     format!("{method} after {} steps", checkpoint.step)
 }

@@ -1,5 +1,6 @@
 //! `mamf plan`
 
+use super::acting::name;
 use super::demo::Camera;
 use super::{FAILED, Misuse, number, say, setting, tell, whole};
 use crate::config::{self, Config, Overrides};
@@ -165,11 +166,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             );
             return Err(Misuse(text).into());
         }
-        let (policy, worth) = training::learned(&checkpoint, env.spec(), &config.planner)?;
-        planner = planner.with(Some(policy), worth);
-        let (method, step) = (checkpoint.config.method.name(), checkpoint.step);
-        learned = format!(", {method} after {step} steps");
-        source += &format!(" with {method} after {step} steps");
+        planner = training::taught_planner(&config, &checkpoint)?;
+        learned = format!(", {}", name(&checkpoint));
+        source += &format!(" with {}", name(&checkpoint));
     }
     let mut evaluator = Evaluator::new(&config, stream(args.seed, "eval"))?;
     let (episodes, seed) = (args.episodes as usize, args.seed);

@@ -276,52 +276,52 @@ keys! {
 
     /// How sequences of actions are made: `icem` (Pinneri et al. 2020), `topdm` (the published optimiser of the hand tasks,
     /// Charlesworth and Montana 2021), `mppi` (Williams et al. 2017) or `sampling` (predictive sampling, Howell et al. 2022).
-    "planner.method" => word(&["icem", "topdm", "mppi", "sampling"]).or("\"icem\"").of_planner();
+    "planner.method" => word(&["icem", "topdm", "mppi", "sampling"]).or("\"icem\"").young();
     /// Control steps that are looked ahead.
-    "planner.horizon" => whole(1, 1_000).or("20").of_planner();
+    "planner.horizon" => whole(1, 1_000).or("20").young();
     /// Sequences in an iteration; of `icem` in the first one.
-    "planner.samples" => whole(2, 1_000_000).or("64").of_planner();
+    "planner.samples" => whole(2, 1_000_000).or("64").young();
     /// Iterations at a control step; of `topdm` the nominal number, from which the number falls over the episode.
-    "planner.iterations" => whole(1, 10_000).or("3").of_planner();
+    "planner.iterations" => whole(1, 10_000).or("3").young();
     /// Iterations at the first control step of an episode, of all but `topdm`.
-    "planner.first_iterations" => whole(1, 10_000).or("10").of_planner();
+    "planner.first_iterations" => whole(1, 10_000).or("10").young();
     /// Best sequences that the next ones are made of, of `icem` and `topdm`.
-    "planner.elites" => whole(1, 100_000).or("10").of_planner();
+    "planner.elites" => whole(1, 100_000).or("10").young();
     /// Standard deviation of new sequences, as a fraction of half of each number's range.
-    "planner.noise" => positive(10.0).or("0.5").of_planner();
+    "planner.noise" => positive(10.0).or("0.5").young();
     /// Exponent of the noise's power over frequency, of `icem` and `mppi`: 0 is white, 2 is smooth.
-    "planner.colour" => number(0.0, 10.0).or("2.0").of_planner();
+    "planner.colour" => number(0.0, 10.0).or("2.0").young();
     /// Share of the old mean and deviation in the new ones, of `icem`.
-    "planner.momentum" => number(0.0, 0.999).or("0.1").of_planner();
+    "planner.momentum" => number(0.0, 0.999).or("0.1").young();
     /// Factor by which the number of samples falls with each iteration, of `icem`.
-    "planner.sample_decay" => number(1.0, 10.0).or("1.25").of_planner();
+    "planner.sample_decay" => number(1.0, 10.0).or("1.25").young();
     /// Share of the elites that are kept for the next iteration and the next step, of `icem`.
-    "planner.keep" => number(0.0, 1.0).or("0.3").of_planner();
+    "planner.keep" => number(0.0, 1.0).or("0.3").young();
     /// Probability that a number of a copied sequence changes, of `topdm`.
-    "planner.mutation_probability" => positive(1.0).or("0.3").of_planner();
+    "planner.mutation_probability" => positive(1.0).or("0.3").young();
     /// Standard deviation of that change, as a fraction of half of each number's range.
-    "planner.mutation_noise" => positive(10.0).or("0.3").of_planner();
+    "planner.mutation_noise" => positive(10.0).or("0.3").young();
     /// Temperature on the standardised scores, of `mppi`.
-    "planner.temperature" => positive(1e3).or("0.1").of_planner();
+    "planner.temperature" => positive(1e3).or("0.1").young();
     /// Knots that noise is put on, of `sampling`.
-    "planner.knots" => whole(2, 1_000).or("5").of_planner();
+    "planner.knots" => whole(2, 1_000).or("5").young();
     /// What lies between two knots.
-    "planner.interpolation" => word(&["zero", "linear", "cubic"]).or("\"cubic\"").of_planner();
+    "planner.interpolation" => word(&["zero", "linear", "cubic"]).or("\"cubic\"").young();
     /// What a step in which the goal is reached adds to a sequence's score, beside its reward.
-    "planner.success_bonus" => number(0.0, 1e6).or("1.0").of_planner();
+    "planner.success_bonus" => number(0.0, 1e6).or("1.0").young();
     /// What a sequence's score loses for every step of the horizon that is left when an object has fallen past the hands. The
     /// sequence ends there, and so does a planned episode. 0: both go on, and only rewards count.
-    "planner.drop_cost" => number(0.0, 1e6).or("0.0").of_planner();
+    "planner.drop_cost" => number(0.0, 1e6).or("0.0").young();
     /// Steps in a row after which a planned episode ends if its return so far has not risen above what it was before. 0: it does not.
-    "planner.patience" => whole(0, 1_000_000).or("0").of_planner();
+    "planner.patience" => whole(0, 1_000_000).or("0").young();
     /// Environment steps of phase 2 between two episodes that the planner makes in training, with the policy's proposals and
     /// the critics' values: each is recorded in the run's directory and joins the demonstrations. Neither its steps nor those
     /// tried out count as environment steps. 0 for none.
-    "planner.every" => whole(0, LARGEST).or("0").of_planner();
+    "planner.every" => whole(0, LARGEST).or("0").young();
     /// Sequences that a checkpoint's policy makes at each control step, as a fraction of `samples`.
-    "planner.policy_share" => number(0.0, 1.0).or("0.1").of_planner();
+    "planner.policy_share" => number(0.0, 1.0).or("0.1").young();
     /// Whether a checkpoint's critics say what comes after the horizon.
-    "planner.terminal_value" => flag().or("true").of_planner();
+    "planner.terminal_value" => flag().or("true").young();
 
     /// Tensor library that networks are trained with.
     "compute.backend" => word(&["flex", "ndarray"]).or("\"flex\"");
@@ -397,11 +397,6 @@ impl Key {
 
     const fn on_resume(self, resume: Resume) -> Key {
         Key { resume, ..self }
-    }
-
-    /// No figure of training depends on it.
-    const fn of_planner(self) -> Key {
-        self.young()
     }
 
     const fn young(self) -> Key {

@@ -198,14 +198,6 @@ impl Demonstrations {
         Demonstrations { trajectories }
     }
 
-    /// The last one alone.
-    #[must_use]
-    pub fn last(&self) -> Demonstrations {
-        Demonstrations {
-            trajectories: self.trajectories.last().cloned().into_iter().collect(),
-        }
-    }
-
     /// Whether there are none, so that none can be drawn.
     pub fn is_empty(&self) -> bool {
         self.trajectories.is_empty()

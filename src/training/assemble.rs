@@ -19,7 +19,7 @@ use crate::model::{DynamicsModel, DynamicsShape, RewardSource, World};
 use crate::nn::{
     Architecture, Coupling, Mlp, ObservationScaling, RunningMoments, WeightError, Weights,
 };
-use crate::planning::{Planner, PlannerSettings, Worth};
+use crate::planning::{Planner, Worth};
 use crate::recordings::{DemonstrationError, Demonstrations, Sizes};
 use crate::replay::{ReplayBuffer, Uniform};
 use crate::run::provenance::Provenance;
@@ -120,25 +120,22 @@ pub fn planner(config: &Config) -> Result<Planner, MakeError> {
     ))
 }
 
-/// What `checkpoint` has learned of the task `spec`, for a planner under `settings`: its policy, and what its critics
-/// say of states, if that is asked for.
+/// The same with what `checkpoint`, which must be of that task, has learned: its policy, and what its critics say of states
+/// where `planner.terminal_value` asks for it.
 ///
 /// # Errors
-/// When the arrays do not fit the task and the configuration.
-pub fn learned(
-    checkpoint: &Checkpoint,
-    spec: &Spec,
-    settings: &PlannerSettings,
-) -> Result<(Policy, Option<Worth>), CheckpointError> {
-    let policy = saved_policy(checkpoint, spec)?;
-    if !settings.terminal_value {
-        return Ok((policy, None));
-    }
-    let weights = checkpoint.weights();
-    let scaling = ObservationScaling::load(spec.obs_size, weights);
-    let worth = scaling.and_then(|scaling| worth(&checkpoint.config, spec, weights, scaling));
+/// When MuJoCo can't run the task, or the arrays do not fit it.
+pub fn taught_planner(config: &Config, checkpoint: &Checkpoint) -> Result<Planner, TrainError> {
+    let spec = make_env(config)?.spec().clone();
+    let policy = saved_policy(checkpoint, &spec)?;
+    let worth = || {
+        let weights = checkpoint.weights();
+        let scaling = ObservationScaling::load(spec.obs_size, weights)?;
+        worth(&checkpoint.config, &spec, weights, scaling)
+    };
+    let worth = config.planner.terminal_value.then(worth).transpose();
     let worth = worth.map_err(|error| checkpoint.misfit(error))?;
-    Ok((policy, Some(worth)))
+    Ok(planner(config)?.with(Some(policy), worth))
 }
 
 /// What the critics in `weights` say of states of the task `spec`, under `scaling` and the policy there.
@@ -264,6 +261,18 @@ impl Trainer {
     }
 }
 
+/// What must be the same for networks to be begun with: otherwise they do not fit, or mean something else.
+const SAME: [&str; 8] = [
+    "task",
+    "method",
+    "action_coupling",
+    "doubled_actions.period",
+    "networks.hidden",
+    "networks.critic_normalisation",
+    "scaling.enabled",
+    "rules.reward",
+];
+
 /// The checkpoint whose networks a run of `config` begins with, if it does not begin with fresh ones.
 fn begun_with(config: &Config) -> Result<Option<Checkpoint>, TrainError> {
     let from = &config.networks.from;
@@ -275,36 +284,21 @@ fn begun_with(config: &Config) -> Result<Option<Checkpoint>, TrainError> {
         reason,
     };
     let found = Checkpoint::load(Path::new(from)).map_err(|error| refused(error.to_string()))?;
-    let differences = found.config.differences(config);
-    // What the same numbers would mean something else under, or would not fit.
+    let learns_model = config.method.learns_model();
     let matters = |key: &str| {
-        let keys = ["task", "method", "action_coupling", "networks.hidden"];
-        let more = [
-            "networks.critic_normalisation",
-            "scaling.enabled",
-            "rules.reward",
-        ];
-        keys.contains(&key)
-            || more.contains(&key)
-            || key.starts_with("doubled_actions")
-            || key == "model.hidden"
-            || key == "model.predict"
+        SAME.contains(&key) || learns_model && ["model.hidden", "model.predict"].contains(&key)
     };
-    match differences
-        .into_iter()
-        .find(|difference| matters(&difference.key))
-    {
-        None => Ok(Some(found)),
-        Some(difference) => {
-            let [then, now] = difference
-                .values
-                .map(|value| value.unwrap_or("unset".into()));
-            let key = &difference.key;
-            Err(refused(format!(
-                "trained with {key} = {then}, and this run has {now}"
-            )))
-        }
-    }
+    let mut differences = found.config.differences(config).into_iter();
+    let Some(difference) = differences.find(|difference| matters(&difference.key)) else {
+        return Ok(Some(found));
+    };
+    let key = &difference.key;
+    let [then, now] = difference
+        .values
+        .map(|value| value.unwrap_or_else(|| "unset".into()));
+    Err(refused(format!(
+        "trained with {key} = {then}, and this run has {now}"
+    )))
 }
 
 /// Makes sure, before anything is written, that the threads of a run can be started.

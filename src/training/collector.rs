@@ -325,11 +325,10 @@ impl Side {
         self.in_main = start == SegmentStart::Continue;
         match start {
             SegmentStart::Continue => None,
-            SegmentStart::Demonstration if self.demonstrations.is_empty() => {
-                Some(self.episode.reset())
+            SegmentStart::Demonstration if !self.demonstrations.is_empty() => {
+                Some(self.episode.start_in(&self.demonstrations))
             }
-            SegmentStart::Reset => Some(self.episode.reset()),
-            SegmentStart::Demonstration => Some(self.episode.start_in(&self.demonstrations)),
+            SegmentStart::Demonstration | SegmentStart::Reset => Some(self.episode.reset()),
         }
     }
 }

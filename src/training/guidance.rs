@@ -44,8 +44,8 @@ pub(super) struct GuidanceState {
 
 /// What came of an episode that was due.
 pub(super) enum Planned {
-    /// It was made, and is the last one of [`Guidance::demonstrations`].
-    Made(EpisodeResult),
+    /// It was made, and is the last one of [`Guidance::demonstrations`], unless it diverged at once and was not recorded.
+    Made(EpisodeResult, Option<Demonstrations>),
     /// The run is to stop: nothing has changed.
     Abandoned,
 }
@@ -91,9 +91,11 @@ impl Guidance {
     ) -> Result<Planned, TrainError> {
         let mut rng = self.rng.clone();
         let mut episode = Stream::from_rng(&mut rng);
-        let worth = assemble::worth(config, self.env.spec(), &agent.weights(), scaling.clone());
-        let worth = worth.expect("its own networks fit");
-        let worth = config.planner.terminal_value.then_some(worth);
+        let worth = config.planner.terminal_value.then(|| {
+            let (weights, scaling) = (agent.weights(), scaling.clone());
+            let worth = assemble::worth(config, self.env.spec(), &weights, scaling);
+            worth.expect("its own networks fit")
+        });
         let mut planner = assemble::planner(config)?.with(Some(agent.policy(scaling)), worth);
         let source = format!(
             "mamf {}, planned in training ({})",
@@ -111,7 +113,7 @@ impl Guidance {
             return Ok(Planned::Abandoned);
         }
         let number = self.planned.len();
-        let mut checksum = None;
+        let mut recorded = None;
         if result.length > 0 {
             let stem = stem(directory, number);
             directory.files().create_dir(&directory.planned())?;
@@ -120,12 +122,13 @@ impl Guidance {
             let saved = recorder.save(&stem, config.seed, number);
             saved.map_err(|error| TrainError::Planned { stem, error })?;
             let made = load(directory, number, self.env.spec())?;
-            checksum = Some(made.checksum());
-            self.demonstrations = Arc::new(self.demonstrations.with(made));
+            self.demonstrations = Arc::new(self.demonstrations.with(made.clone()));
+            recorded = Some(made);
         }
         self.rng = rng;
-        self.planned.push(checksum);
-        Ok(Planned::Made(result))
+        self.planned
+            .push(recorded.as_ref().map(Demonstrations::checksum));
+        Ok(Planned::Made(result, recorded))
     }
 
     /// What it goes on from.
@@ -137,23 +140,23 @@ impl Guidance {
         }
     }
 
-    /// Goes on from `state`, with the episodes in `directory`.
+    /// Goes on from `state`, whose [episodes](GuidanceState::episodes) are `planned`.
     ///
     /// # Errors
-    /// When an episode is missing, damaged or another one, or the run began with other recordings.
+    /// When the run began with other recordings.
     pub fn restore(
         &mut self,
         state: GuidanceState,
+        planned: Vec<Demonstrations>,
         config: &Config,
-        directory: &RunDirectory,
     ) -> Result<(), TrainError> {
-        if self.demonstrations.checksum() != state.began_with {
+        if self.began_with != state.began_with {
             let path = config.demonstrations.path.clone();
             return Err(TrainError::OtherDemonstrations(path));
         }
-        for planned in state.episodes(directory, self.env.spec()) {
-            self.demonstrations = Arc::new(self.demonstrations.with(planned?));
-        }
+        let begun = Demonstrations::clone(&self.demonstrations);
+        let all = planned.into_iter().fold(begun, |all, one| all.with(one));
+        self.demonstrations = Arc::new(all);
         self.rng = state.rng;
         self.planned = state.planned;
         Ok(())
@@ -166,25 +169,27 @@ impl Guidance {
 }
 
 impl GuidanceState {
-    /// The recorded episodes, each of which must be the one that the run had planned.
+    /// The recorded episodes, in order.
+    ///
+    /// # Errors
+    /// When one is missing, damaged, or not the one that the run had planned.
     pub fn episodes(
         &self,
         directory: &RunDirectory,
         spec: &Spec,
-    ) -> impl Iterator<Item = Result<Demonstrations, CheckpointError>> {
+    ) -> Result<Vec<Demonstrations>, CheckpointError> {
         let numbered = self.planned.iter().enumerate();
         let recorded = numbered.filter_map(|(number, checksum)| Some((number, (*checksum)?)));
-        recorded.map(move |(number, checksum)| {
+        let checked = recorded.map(|(number, checksum)| {
             let found = load(directory, number, spec)?;
             if found.checksum() == checksum {
                 return Ok(found);
             }
             let path = stem(directory, number).with_extension("npz");
-            Err(damaged(
-                path,
-                "it is not the episode that the run had planned",
-            ))
-        })
+            let reason = "it is not the episode that the run had planned";
+            Err(damaged(path, reason))
+        });
+        checked.collect()
     }
 }
 
@@ -211,17 +216,12 @@ fn stem(directory: &RunDirectory, number: usize) -> PathBuf {
 /// Removes the episodes from number `first` on.
 fn remove_from(directory: &RunDirectory, first: usize) -> Result<(), FileError> {
     for number in first.. {
-        let files = [stem(directory, number)]
-            .map(|stem| [stem.with_extension("npz"), stem.with_extension("json")]);
-        let there: Vec<_> = files
-            .iter()
-            .flatten()
-            .filter(|path| path.exists())
-            .collect();
-        if there.is_empty() {
+        let stem = stem(directory, number);
+        let files = ["npz", "json"].map(|ending| stem.with_extension(ending));
+        if !files.iter().any(|path| path.exists()) {
             break;
         }
-        for path in there {
+        for path in files.iter().filter(|path| path.exists()) {
             directory.files().remove(path)?;
         }
     }

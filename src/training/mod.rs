@@ -16,8 +16,8 @@ mod trainer;
 mod video;
 
 pub use assemble::{
-    agent_settings, demonstrations, fresh_agent, learned, make_env, make_rules, planner,
-    saved_policy,
+    agent_settings, demonstrations, fresh_agent, make_env, make_rules, planner, saved_policy,
+    taught_planner,
 };
 pub use error::TrainError;
 pub use evaluation::{EpisodeResult, Evaluation, Evaluator, Watch};

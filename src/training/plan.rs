@@ -160,13 +160,20 @@ impl Plan {
             path: path.to_owned(),
             reason: reason.to_owned(),
         };
-        let files = |episode| ["npz", "json"].map(|end| self.stem(episode).with_extension(end));
         for row in self.rows.iter().filter(|row| row.kept) {
-            if let Some(lost) = files(row.episode - 1).iter().find(|path| !path.exists()) {
+            if let Some(lost) = self
+                .recording(row.episode - 1)
+                .iter()
+                .find(|path| !path.exists())
+            {
                 return Err(wrong(lost, "plan.csv tells of it, but it is not there"));
             }
         }
-        if files(self.rows.len() + 1).iter().any(|path| path.exists()) {
+        if self
+            .recording(self.rows.len() + 1)
+            .iter()
+            .any(|path| path.exists())
+        {
             return Err(wrong(log, "there are more recordings than it tells of"));
         }
         Ok(())
@@ -174,13 +181,17 @@ impl Plan {
 
     /// Removes what an interruption left of the next episode, which has no row yet.
     fn clear_next(&self) -> Result<(), PlanError> {
-        let stem = self.stem(self.rows.len());
-        for path in ["npz", "json"].map(|ending| stem.with_extension(ending)) {
+        for path in self.recording(self.rows.len()) {
             if path.exists() {
                 fs::remove_file(&path).map_err(FileError::at(&path))?;
             }
         }
         Ok(())
+    }
+
+    /// Both files of episode number `episode`, from 0.
+    fn recording(&self, episode: usize) -> [PathBuf; 2] {
+        ["npz", "json"].map(|ending| self.stem(episode).with_extension(ending))
     }
 }
 

@@ -81,16 +81,16 @@ pub(super) fn recorded(
     Ok(some.then(|| Recorded::new(transitions, bound, share, config.seed)))
 }
 
-/// Has the last one of `demonstrations`, which is new, join what is added to each batch of `agent`.
+/// Has the steps of `more` join what is added to each batch of `agent`.
 ///
 /// # Errors
 /// When MuJoCo can't run the task.
 pub(super) fn rehearse(
     config: &Config,
-    demonstrations: &Demonstrations,
+    more: &Demonstrations,
     agent: &mut Agent,
 ) -> Result<(), MakeError> {
-    let Some(more) = recorded(config, Some(&demonstrations.last()))? else {
+    let Some(more) = recorded(config, Some(more))? else {
         return Ok(());
     };
     match &mut agent.recorded {

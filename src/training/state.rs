@@ -401,6 +401,8 @@ struct Point {
     manifest: Manifest,
     state: TrainerState,
     learning: LearningState,
+    /// What the planner had made.
+    planned: Vec<Demonstrations>,
     replay: ReplayBuffer,
     log: ReplayLog,
 }
@@ -437,13 +439,10 @@ impl Point {
         let wrong = |name: &str, error: String| damaged(path.join(name), error);
         let state: TrainerState = ciborium::from_reader(read(STATE)?.as_slice())
             .map_err(|error| wrong(STATE, error.to_string()))?;
-        for episode in state
-            .guidance
-            .iter()
-            .flat_map(|g| g.episodes(directory, spec))
-        {
-            episode?;
-        }
+        let planned = match &state.guidance {
+            Some(guidance) => guidance.episodes(directory, spec)?,
+            None => Vec::new(),
+        };
         let moments = Weights::from_bytes(&read(OPTIMIZERS)?);
         let (arrays, _) = moments.map_err(|error| wrong(OPTIMIZERS, error.to_string()))?;
         for (name, seal) in &manifest.curves {
@@ -468,6 +467,7 @@ impl Point {
             manifest,
             state,
             learning,
+            planned,
             replay,
             log,
         })
@@ -486,6 +486,7 @@ impl Point {
             manifest,
             state,
             learning,
+            planned,
             replay,
             log,
         } = self;
@@ -500,17 +501,19 @@ impl Point {
         let weights = checkpoint.weights();
         let scaling = ObservationScaling::load(obs_size, weights).map_err(misfit)?;
         let mut agent = saved_agent(&config, env.spec(), rules, weights).map_err(misfit)?;
-        agent.recorded = recorded(&config, set.as_ref())?;
-        let then = state.collector.demonstrations();
-        let is_other = then != set.as_ref().map(Demonstrations::checksum);
-        if state.guidance.is_none() && is_other {
-            return Err(TrainError::OtherDemonstrations(config.demonstrations.path));
+        // A planner's part knows what the run began with, and has more to rehearse.
+        if state.guidance.is_none() {
+            let then = state.collector.demonstrations();
+            if then != set.as_ref().map(Demonstrations::checksum) {
+                return Err(TrainError::OtherDemonstrations(config.demonstrations.path));
+            }
+            agent.recorded = recorded(&config, set.as_ref())?;
         }
         let curves = Curves::open(directory.files(), directory.path(), &manifest.curves)?;
         let mut trainer = Trainer::assemble(config, env, set, directory, curves, agent, replay)?;
         match (&mut trainer.guidance, state.guidance) {
             (Some(guidance), Some(state)) => {
-                guidance.restore(state, &trainer.config, &trainer.directory)?;
+                guidance.restore(state, planned, &trainer.config)?;
                 let all = &guidance.demonstrations;
                 trainer.collector.set_demonstrations(all);
                 trainer.agent.recorded = recorded(&trainer.config, Some(all))?;

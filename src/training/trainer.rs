@@ -248,14 +248,15 @@ impl Trainer {
             let (agent, directory) = (&mut self.agent, &self.directory);
             let planned = guidance.plan(config, agent, &self.scaling, directory, stop)?;
             self.clock.planning += started.elapsed();
-            let Planned::Made(result) = planned else {
+            let Planned::Made(result, recorded) = planned else {
                 return Ok(false);
             };
             self.interval.tell("planned_return", result.episode_return);
             self.interval.tell("planned_length", result.length as f64);
-            let demonstrations = &guidance.demonstrations;
-            self.collector.set_demonstrations(demonstrations);
-            rehearse(config, demonstrations, agent)?;
+            if let Some(recorded) = recorded {
+                self.collector.set_demonstrations(&guidance.demonstrations);
+                rehearse(config, &recorded, agent)?;
+            }
         }
         Ok(true)
     }
